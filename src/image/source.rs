@@ -1,0 +1,46 @@
+//! What to read, and how its numbers are meant.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Where an image is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ImageSource {
+    /// A file; `<UDIM>` in its name stands for the tile's number.
+    File(PathBuf),
+    /// Inside a package (.usdz), by the name in it; `<UDIM>` is resolved to one entry a tile.
+    Packed {
+        /// The package.
+        package: PathBuf,
+        /// (UDIM tile or 0, name in the package, the file's bytes).
+        tiles: Vec<(u32, String, Arc<[u8]>)>,
+    },
+}
+
+/// What lies beyond the border of a texture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wrap {
+    /// Black, and transparent.
+    Black,
+    /// The border's texels.
+    Clamp,
+    /// The image again.
+    #[default]
+    Repeat,
+    /// The image mirrored.
+    Mirror,
+}
+
+/// How the numbers of a texture are meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ColorSpace {
+    /// As they are.
+    Raw,
+    /// Encoded by the sRGB curve (alpha never is).
+    Srgb,
+    /// sRGB for 8-bit images of three or four channels, else raw (UsdUVTexture's rule).
+    #[default]
+    Auto,
+    /// Linear with ACEScg (AP1) primaries.
+    AcesCg,
+}

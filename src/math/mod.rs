@@ -1,0 +1,11 @@
+//! Vectors, rays, boxes and frames. Vectors are glam's; transforms are column-vector affine maps named
+//! destination-from-source (`world_from_object`).
+
+mod bounds;
+mod frame;
+mod ray;
+
+pub use bounds::Bounds3;
+pub use frame::Frame;
+pub use glam::{Affine3A, DAffine3, DMat4, DVec3, Vec2, Vec3, Vec4};
+pub use ray::Ray;

@@ -1,0 +1,34 @@
+//! Scene files into a plain [`Description`]. Builds nothing; what it hands out is checked.
+
+mod description;
+pub mod obj;
+pub mod usd;
+
+pub use description::*;
+
+use std::path::Path;
+
+use crate::error::{Error, Fault, Result};
+
+/// Reads a scene by its file name's ending: `.usd`, `.usda`, `.usdc`, `.usdz` or `.obj`.
+///
+/// # Errors
+/// Bad input, with file and prim, for a file that cannot be read, composed or checked.
+pub fn load(path: &Path, options: &LoadOptions) -> Result<Description> {
+    let ending = path
+        .extension()
+        .and_then(|e| e.to_str())
+        .unwrap_or_default()
+        .to_ascii_lowercase();
+    match ending.as_str() {
+        "usd" | "usda" | "usdc" | "usdz" => usd::load(path, options),
+        "obj" => obj::load(path, options),
+        _ => Err(Error::from(
+            Fault::new(format!(
+                "a scene file that ends in \"{ending}\" is not known"
+            ))
+            .in_file(path)
+            .advise("relievo reads .usd, .usda, .usdc, .usdz and .obj"),
+        )),
+    }
+}
