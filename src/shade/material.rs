@@ -1,1 +1,391 @@
-//! x
+//! Materials: UsdPreviewSurface's inputs, prepared once and resolved at each hit.
+//!
+//! `occlusion` is not resolved: it stands for light that a path tracer finds blocked by itself.
+
+use std::sync::Arc;
+
+use super::bsdf::SurfaceParams;
+use super::texture_map::{Lookup, Output, Placed, Primvars};
+use crate::math::Vec3;
+use crate::scene::{self, Input, PreviewSurface, TextureMap};
+
+/// At most this many different texels make a material: it has that many inputs.
+const MOST_TEXELS: usize = 11;
+
+/// What a material says at one point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Resolved {
+    /// How it reflects.
+    pub params: SurfaceParams,
+    /// Radiance that it emits, at least 0.
+    pub emission: Vec3,
+    /// 0..1: the part of the light that meets the surface; the rest passes.
+    pub opacity: f32,
+    /// The normal in tangent space, unit; `None` where no map says otherwise, or where a map says nonsense.
+    pub normal: Option<Vec3>,
+}
+
+/// A material, ready to be asked from any thread.
+#[derive(Clone)]
+pub struct Material {
+    inputs: Inputs,
+    texels: Vec<Placed>,
+    /// What it resolves to everywhere, if nothing varies.
+    constant: Option<Resolved>,
+}
+
+#[derive(Clone)]
+struct Inputs {
+    /// Only the diffuse colour counts.
+    lambert: bool,
+    specular_workflow: bool,
+    opacity_threshold: f32,
+    diffuse_color: Source,
+    emissive_color: Source,
+    specular_color: Source,
+    metallic: Source,
+    roughness: Source,
+    clearcoat: Source,
+    clearcoat_roughness: Source,
+    opacity: Source,
+    ior: Source,
+    normal: Option<Source>,
+    displacement: Source,
+}
+
+#[derive(Clone)]
+enum Source {
+    Value(Vec3),
+    /// Number of the texel, and what to take of it.
+    Texel(usize, Output),
+    Primvar {
+        name: String,
+        components: usize,
+        fallback: Vec3,
+    },
+}
+
+impl Material {
+    /// Prepares a material of a scene; `textures` are the scene's, in its order. An input whose texture is
+    /// not among them takes the map's fallback.
+    pub fn new(material: &scene::Material, textures: &[Arc<dyn Lookup>]) -> Self {
+        Self::prepared(&material.surface, textures, false)
+    }
+
+    /// A diffuse surface of one colour; with the displacement of another material, to show its shape alone.
+    pub fn clay(albedo: Vec3, displacement_of: Option<&Self>) -> Self {
+        let mut clay = Self::prepared(&diffuse(Input::Value(albedo)), &[], true);
+        if let Some(other) = displacement_of {
+            clay.inputs.displacement = match &other.inputs.displacement {
+                Source::Texel(number, output) => {
+                    clay.texels.push(other.texels[*number].clone());
+                    Source::Texel(0, *output)
+                }
+                source => source.clone(),
+            };
+        }
+        clay
+    }
+
+    /// A diffuse surface coloured by the primvar `displayColor` (18 % grey without it), as opaque as
+    /// `displayOpacity` says (wholly, without it).
+    pub fn display_color() -> Self {
+        let surface = PreviewSurface {
+            opacity: Input::Primvar {
+                name: "displayOpacity".into(),
+                fallback: 1.0,
+            },
+            ..diffuse(Input::Primvar {
+                name: "displayColor".into(),
+                fallback: Vec3::splat(0.18),
+            })
+        };
+        Self::prepared(&surface, &[], true)
+    }
+
+    fn prepared(surface: &PreviewSurface, textures: &[Arc<dyn Lookup>], lambert: bool) -> Self {
+        let mut texels = Vec::new();
+        let mut color = |input: &Input<Vec3>| source(input, 3, |&v| v, textures, &mut texels);
+        let diffuse_color = color(&surface.diffuse_color);
+        let emissive_color = color(&surface.emissive_color);
+        let specular_color = color(&surface.specular_color);
+        let mut number =
+            |input: &Input<f32>| source(input, 1, |&x| Vec3::splat(x), textures, &mut texels);
+        let inputs = Inputs {
+            lambert,
+            specular_workflow: surface.use_specular_workflow,
+            opacity_threshold: surface.opacity_threshold,
+            diffuse_color,
+            emissive_color,
+            specular_color,
+            metallic: number(&surface.metallic),
+            roughness: number(&surface.roughness),
+            clearcoat: number(&surface.clearcoat),
+            clearcoat_roughness: number(&surface.clearcoat_roughness),
+            opacity: number(&surface.opacity),
+            ior: number(&surface.ior),
+            displacement: number(&surface.displacement),
+            normal: surface
+                .normal
+                .as_ref()
+                .map(|map| texel(map, textures, &mut texels)),
+        };
+        let mut material = Self {
+            inputs,
+            texels,
+            constant: None,
+        };
+        if material.shading_sources().all(Source::is_constant) {
+            material.constant = Some(material.resolve(&NoPrimvars));
+        }
+        material
+    }
+
+    /// What it says where the surface has these primvars. Every number is brought into its range; what is
+    /// not finite counts as 0.
+    pub fn resolve(&self, primvars: &dyn Primvars) -> Resolved {
+        if let Some(constant) = self.constant {
+            return constant;
+        }
+        let inputs = &self.inputs;
+        let mut point = Point {
+            primvars,
+            texels: &self.texels,
+            seen: [None; MOST_TEXELS],
+        };
+        let diffuse_color = non_negative(point.get(&inputs.diffuse_color));
+        let params = if inputs.lambert {
+            SurfaceParams::lambert(diffuse_color)
+        } else {
+            let specular = inputs.specular_workflow;
+            SurfaceParams {
+                diffuse_color,
+                specular_workflow: specular,
+                specular_color: if specular {
+                    non_negative(point.get(&inputs.specular_color))
+                } else {
+                    Vec3::ZERO
+                },
+                metallic: if specular {
+                    0.0
+                } else {
+                    unit(point.get(&inputs.metallic).x)
+                },
+                roughness: unit(point.get(&inputs.roughness).x),
+                clearcoat: unit(point.get(&inputs.clearcoat).x),
+                clearcoat_roughness: unit(point.get(&inputs.clearcoat_roughness).x),
+                ior: non_negative(point.get(&inputs.ior)).x,
+            }
+        };
+        Resolved {
+            params,
+            emission: non_negative(point.get(&inputs.emissive_color)),
+            opacity: inputs.cut_out(unit(point.get(&inputs.opacity).x)),
+            normal: inputs.normal.as_ref().and_then(|source| {
+                let normal = point.get(source);
+                // Below the surface is no place for a normal.
+                (normal.z > 0.0).then(|| normal.try_normalize()).flatten()
+            }),
+        }
+    }
+
+    /// How far the surface is moved along its normal, scene units in the object's space; what is not finite
+    /// counts as 0.
+    pub fn displacement(&self, primvars: &dyn Primvars) -> f32 {
+        let mut point = Point {
+            primvars,
+            texels: &self.texels,
+            seen: [None; MOST_TEXELS],
+        };
+        let x = point.get(&self.inputs.displacement).x;
+        if x.is_finite() { x } else { 0.0 }
+    }
+
+    /// The names of the primvars that [`Self::resolve`] asks for: sorted, each once.
+    pub fn needs(&self) -> Vec<&str> {
+        self.names(self.shading_sources())
+    }
+
+    /// The names of the primvars that [`Self::displacement`] asks for: sorted, each once.
+    pub fn displacement_needs(&self) -> Vec<&str> {
+        self.names([&self.inputs.displacement].into_iter())
+    }
+
+    /// The primvar whose directions the normal map's tangent space follows, if there is such a map.
+    pub fn normal_primvar(&self) -> Option<&str> {
+        self.inputs.normal.as_ref().and_then(|n| self.name(n))
+    }
+
+    /// Whether any displacement but 0 is possible.
+    pub fn is_displaced(&self) -> bool {
+        !matches!(self.inputs.displacement, Source::Value(v) if v.x == 0.0 || !v.x.is_finite())
+    }
+
+    /// Whether opacity below 1 is possible.
+    pub fn may_be_transparent(&self) -> bool {
+        match &self.inputs.opacity {
+            Source::Value(v) => self.inputs.cut_out(unit(v.x)) < 1.0,
+            Source::Texel(..) | Source::Primvar { .. } => true,
+        }
+    }
+
+    /// Whether emission is possible.
+    pub fn may_emit(&self) -> bool {
+        match &self.inputs.emissive_color {
+            Source::Value(v) => non_negative(*v) != Vec3::ZERO,
+            Source::Texel(..) | Source::Primvar { .. } => true,
+        }
+    }
+
+    fn shading_sources(&self) -> impl Iterator<Item = &Source> {
+        let i = &self.inputs;
+        [
+            &i.diffuse_color,
+            &i.emissive_color,
+            &i.specular_color,
+            &i.metallic,
+            &i.roughness,
+            &i.clearcoat,
+            &i.clearcoat_roughness,
+            &i.opacity,
+            &i.ior,
+        ]
+        .into_iter()
+        .chain(&i.normal)
+    }
+
+    fn names<'a>(&'a self, sources: impl Iterator<Item = &'a Source>) -> Vec<&'a str> {
+        let mut names: Vec<_> = sources.filter_map(|source| self.name(source)).collect();
+        names.sort_unstable();
+        names.dedup();
+        names
+    }
+
+    fn name<'a>(&'a self, source: &'a Source) -> Option<&'a str> {
+        match source {
+            Source::Value(_) => None,
+            Source::Texel(number, _) => {
+                let placed = &self.texels[*number];
+                placed.image.is_some().then_some(placed.primvar.as_str())
+            }
+            Source::Primvar { name, .. } => Some(name),
+        }
+    }
+}
+
+impl Inputs {
+    /// With a threshold, opacity is all or nothing.
+    fn cut_out(&self, opacity: f32) -> f32 {
+        match self.opacity_threshold > 0.0 {
+            true if opacity >= self.opacity_threshold => 1.0,
+            true => 0.0,
+            false => opacity,
+        }
+    }
+}
+
+impl Source {
+    fn is_constant(&self) -> bool {
+        matches!(self, Self::Value(_))
+    }
+}
+
+/// One point, and the texels that were looked up there: inputs that share an image look once.
+struct Point<'a> {
+    primvars: &'a dyn Primvars,
+    texels: &'a [Placed],
+    seen: [Option<Option<glam::Vec4>>; MOST_TEXELS],
+}
+
+impl Point<'_> {
+    fn get(&mut self, source: &Source) -> Vec3 {
+        match source {
+            Source::Value(v) => *v,
+            Source::Texel(number, output) => {
+                let texel = *self.seen[*number]
+                    .get_or_insert_with(|| self.texels[*number].eval(self.primvars));
+                output.of(texel)
+            }
+            Source::Primvar {
+                name,
+                components,
+                fallback,
+            } => {
+                let mut out = [0.0; 3];
+                if !self.primvars.get(name, &mut out[..*components]) {
+                    return *fallback;
+                }
+                if *components == 1 {
+                    Vec3::splat(out[0])
+                } else {
+                    out.into()
+                }
+            }
+        }
+    }
+}
+
+struct NoPrimvars;
+
+impl Primvars for NoPrimvars {
+    fn get(&self, _: &str, _: &mut [f32]) -> bool {
+        false
+    }
+}
+
+fn diffuse(diffuse_color: Input<Vec3>) -> PreviewSurface {
+    PreviewSurface {
+        diffuse_color,
+        ..PreviewSurface::default()
+    }
+}
+
+fn source<T>(
+    input: &Input<T>,
+    components: usize,
+    splat: impl Fn(&T) -> Vec3,
+    textures: &[Arc<dyn Lookup>],
+    texels: &mut Vec<Placed>,
+) -> Source {
+    match input {
+        Input::Value(value) => Source::Value(splat(value)),
+        Input::Texture(map) => texel(map, textures, texels),
+        Input::Primvar { name, fallback } => Source::Primvar {
+            name: name.clone(),
+            components,
+            fallback: splat(fallback),
+        },
+    }
+}
+
+fn texel(map: &TextureMap, textures: &[Arc<dyn Lookup>], texels: &mut Vec<Placed>) -> Source {
+    let placed = Placed::new(map, textures);
+    let number = texels
+        .iter()
+        .position(|other| other.is_like(&placed))
+        .unwrap_or_else(|| {
+            texels.push(placed);
+            texels.len() - 1
+        });
+    Source::Texel(number, Output::new(map))
+}
+
+/// 0..1; NaN is 0.
+fn unit(x: f32) -> f32 {
+    if x.is_finite() && x > 0.0 {
+        x.min(1.0)
+    } else {
+        0.0
+    }
+}
+
+fn non_negative(v: Vec3) -> Vec3 {
+    let one = |x: f32| {
+        if x.is_finite() && x > 0.0 { x } else { 0.0 }
+    };
+    Vec3::new(one(v.x), one(v.y), one(v.z))
+}
+
+#[cfg(test)]
+#[path = "material_tests.rs"]
+mod tests;

@@ -1,1 +1,133 @@
-//! x
+//! UsdUVTexture: where a texture lies on a surface and which of its numbers count.
+
+use std::f32::consts::PI;
+use std::sync::Arc;
+
+use crate::math::{Vec2, Vec3, Vec4};
+use crate::scene::{self, Channels, Transform2d};
+
+/// Something that has a colour at every texture coordinate.
+pub trait Lookup: Send + Sync {
+    /// The four channels, linear; t = 0 is the bottom row.
+    fn eval(&self, st: Vec2) -> Vec4;
+}
+
+/// The primvars at one point of a surface.
+pub trait Primvars {
+    /// Fills `out` with the first components of the primvar `name`. False, with `out` as it was, if there is
+    /// none of that name or if it has fewer components.
+    fn get(&self, name: &str, out: &mut [f32]) -> bool;
+}
+
+/// Texture coordinates moved as UsdTransform2d says: scale, rotate, translate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StTransform {
+    x: Vec2,
+    y: Vec2,
+    translation: Vec2,
+}
+
+impl StTransform {
+    /// From its parts.
+    pub fn new(transform: &Transform2d) -> Self {
+        let (sin, cos) = (transform.rotation * PI / 180.0).sin_cos();
+        Self {
+            x: transform.scale.x * Vec2::new(cos, sin),
+            y: transform.scale.y * Vec2::new(-sin, cos),
+            translation: transform.translation,
+        }
+    }
+
+    /// Where `st` goes.
+    #[inline]
+    pub fn apply(&self, st: Vec2) -> Vec2 {
+        st.x * self.x + st.y * self.y + self.translation
+    }
+}
+
+/// An image on a surface: what several [`Output`]s may share.
+#[derive(Clone)]
+pub(super) struct Placed {
+    /// Missing: outputs take their fallback.
+    pub(super) image: Option<Arc<dyn Lookup>>,
+    pub(super) primvar: String,
+    pub(super) transform: StTransform,
+    texture: usize,
+}
+
+impl Placed {
+    pub(super) fn new(map: &scene::TextureMap, textures: &[Arc<dyn Lookup>]) -> Self {
+        Self {
+            image: textures.get(map.texture).cloned(),
+            primvar: map.primvar.clone(),
+            transform: StTransform::new(&map.transform),
+            texture: map.texture,
+        }
+    }
+
+    /// Whether it gives the same texels everywhere.
+    pub(super) fn is_like(&self, other: &Self) -> bool {
+        self.texture == other.texture
+            && self.primvar == other.primvar
+            && self.transform == other.transform
+    }
+
+    /// The texel; `None` without image or texture coordinates.
+    pub(super) fn eval(&self, primvars: &dyn Primvars) -> Option<Vec4> {
+        let image = self.image.as_deref()?;
+        let mut st = [0.0; 2];
+        primvars
+            .get(&self.primvar, &mut st)
+            .then(|| image.eval(self.transform.apply(st.into())))
+    }
+}
+
+/// What an input takes of a texel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Output {
+    channels: Channels,
+    scale: Vec4,
+    bias: Vec4,
+    fallback: Vec4,
+}
+
+impl Output {
+    pub(super) fn new(map: &scene::TextureMap) -> Self {
+        Self {
+            channels: map.channels,
+            scale: map.scale,
+            bias: map.bias,
+            fallback: map.fallback,
+        }
+    }
+
+    /// Three numbers, equal ones for a single channel. Scale and bias do not apply to the fallback.
+    #[inline]
+    pub(super) fn of(&self, texel: Option<Vec4>) -> Vec3 {
+        let v = texel.map_or(self.fallback, |texel| texel * self.scale + self.bias);
+        match self.channels {
+            Channels::Rgb => v.truncate(),
+            Channels::R => Vec3::splat(v.x),
+            Channels::G => Vec3::splat(v.y),
+            Channels::B => Vec3::splat(v.z),
+            Channels::A => Vec3::splat(v.w),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn scale_then_rotation_then_translation() {
+        let transform = StTransform::new(&Transform2d {
+            scale: Vec2::new(2.0, 3.0),
+            rotation: 90.0,
+            translation: Vec2::new(10.0, 20.0),
+        });
+        // (1, 1) -> (2, 3) -> counterclockwise (-3, 2) -> (7, 22).
+        let moved = transform.apply(Vec2::ONE);
+        assert!((moved - Vec2::new(7.0, 22.0)).length() < 1e-5, "{moved}");
+    }
+}

@@ -1,0 +1,170 @@
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use super::*;
+use crate::math::{Vec2, Vec4};
+use crate::scene::{Channels, Transform2d};
+
+/// Red is s, green is t; counts how often it is asked.
+#[derive(Default)]
+struct Ramp(AtomicUsize);
+
+impl Lookup for Ramp {
+    fn eval(&self, st: Vec2) -> Vec4 {
+        self.0.fetch_add(1, Ordering::Relaxed);
+        Vec4::new(st.x, st.y, 0.5, 1.0)
+    }
+}
+
+struct At(Vec<(&'static str, Vec<f32>)>);
+
+impl Primvars for At {
+    fn get(&self, name: &str, out: &mut [f32]) -> bool {
+        match self
+            .0
+            .iter()
+            .find(|(n, v)| *n == name && v.len() >= out.len())
+        {
+            Some((_, value)) => {
+                out.copy_from_slice(&value[..out.len()]);
+                true
+            }
+            None => false,
+        }
+    }
+}
+
+fn map(channels: Channels) -> TextureMap {
+    TextureMap {
+        texture: 0,
+        primvar: "st".into(),
+        transform: Transform2d::default(),
+        channels,
+        scale: Vec4::ONE,
+        bias: Vec4::ZERO,
+        fallback: Vec4::new(0.9, 0.8, 0.7, 0.6),
+    }
+}
+
+fn material(surface: PreviewSurface, textures: &[Arc<dyn Lookup>]) -> Material {
+    let path = "/Material".into();
+    Material::new(&scene::Material { path, surface }, textures)
+}
+
+#[test]
+fn a_constant_material_asks_for_nothing() {
+    let material = material(PreviewSurface::default(), &[]);
+    assert!(material.constant.is_some() && material.needs().is_empty());
+    let resolved = material.resolve(&NoPrimvars);
+    assert_eq!(resolved.params, SurfaceParams::default());
+    assert_eq!((resolved.opacity, resolved.normal), (1.0, None));
+    assert!(!material.may_be_transparent() && !material.is_displaced() && !material.may_emit());
+}
+
+#[test]
+fn inputs_that_share_an_image_look_once() {
+    let ramp = Arc::new(Ramp::default());
+    let surface = PreviewSurface {
+        roughness: Input::Texture(map(Channels::R)),
+        metallic: Input::Texture(map(Channels::G)),
+        diffuse_color: Input::Texture(TextureMap {
+            scale: Vec4::splat(2.0),
+            bias: Vec4::splat(-0.5),
+            ..map(Channels::Rgb)
+        }),
+        displacement: Input::Texture(TextureMap {
+            primvar: "uv".into(),
+            ..map(Channels::B)
+        }),
+        ..PreviewSurface::default()
+    };
+    let material = material(surface, &[ramp.clone() as Arc<dyn Lookup>]);
+    let at = At(vec![("st", vec![0.25, 0.75])]);
+    let resolved = material.resolve(&at);
+    assert_eq!(ramp.0.load(Ordering::Relaxed), 1);
+    assert_eq!(
+        (resolved.params.roughness, resolved.params.metallic),
+        (0.25, 0.75)
+    );
+    // Scaled, biased, and not below 0.
+    assert_eq!(resolved.params.diffuse_color, Vec3::new(0.0, 1.0, 0.5));
+    assert_eq!(material.needs(), ["st"]);
+    assert_eq!(material.displacement_needs(), ["uv"]);
+    assert!(material.is_displaced());
+    // No such primvar: the fallback.
+    assert_eq!(material.displacement(&at), 0.7);
+    assert_eq!(
+        material.displacement(&At(vec![("uv", vec![0.0, 0.0])])),
+        0.5
+    );
+
+    let clay = Material::clay(Vec3::splat(0.5), Some(&material));
+    assert_eq!(clay.displacement(&At(vec![("uv", vec![0.0, 0.0])])), 0.5);
+    assert_eq!(
+        clay.resolve(&at).params,
+        SurfaceParams::lambert(Vec3::splat(0.5))
+    );
+    assert!(clay.constant.is_some() && clay.displacement_needs() == ["uv"]);
+}
+
+#[test]
+fn a_missing_texture_gives_its_fallback() {
+    let surface = PreviewSurface {
+        diffuse_color: Input::Texture(map(Channels::Rgb)),
+        ..PreviewSurface::default()
+    };
+    let material = material(surface, &[]);
+    let resolved = material.resolve(&At(vec![("st", vec![0.0, 0.0])]));
+    assert_eq!(resolved.params.diffuse_color, Vec3::new(0.9, 0.8, 0.7));
+    assert!(material.needs().is_empty());
+}
+
+#[test]
+fn opacity_is_cut_at_its_threshold() {
+    let at = |opacity, opacity_threshold| {
+        let surface = PreviewSurface {
+            opacity: Input::Value(opacity),
+            opacity_threshold,
+            ..PreviewSurface::default()
+        };
+        let material = material(surface, &[]);
+        let opacity = material.resolve(&NoPrimvars).opacity;
+        assert_eq!(material.may_be_transparent(), opacity < 1.0);
+        opacity
+    };
+    assert_eq!(at(0.4, 0.0), 0.4);
+    assert_eq!((at(0.4, 0.5), at(0.5, 0.5)), (0.0, 1.0));
+    assert_eq!((at(3.0, 0.0), at(f32::NAN, 0.0)), (1.0, 0.0));
+}
+
+#[test]
+fn display_color_and_opacity() {
+    let material = Material::display_color();
+    assert_eq!(material.needs(), ["displayColor", "displayOpacity"]);
+    let bare = material.resolve(&NoPrimvars);
+    assert_eq!(bare.params, SurfaceParams::lambert(Vec3::splat(0.18)));
+    assert_eq!(bare.opacity, 1.0);
+    let painted = material.resolve(&At(vec![
+        ("displayColor", vec![0.1, 0.2, 0.3]),
+        ("displayOpacity", vec![0.5]),
+    ]));
+    assert_eq!(painted.params.diffuse_color, Vec3::new(0.1, 0.2, 0.3));
+    assert_eq!(painted.opacity, 0.5);
+}
+
+#[test]
+fn normals_are_unit_or_absent() {
+    let surface = PreviewSurface {
+        normal: Some(TextureMap {
+            scale: Vec4::splat(2.0),
+            bias: Vec4::new(-1.0, -1.0, 0.0, 0.0),
+            ..map(Channels::Rgb)
+        }),
+        ..PreviewSurface::default()
+    };
+    let material = material(surface.clone(), &[Arc::new(Ramp::default())]);
+    assert_eq!(material.normal_primvar(), Some("st"));
+    let flat = material.resolve(&At(vec![("st", vec![0.5, 0.5])]));
+    assert_eq!(flat.normal, Some(Vec3::Z));
+    let nonsense = material.resolve(&At(vec![("st", vec![f32::NAN, 0.5])]));
+    assert_eq!(nonsense.normal, None);
+}
