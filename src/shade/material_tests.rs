@@ -161,7 +161,7 @@ fn normals_are_unit_or_absent() {
         }),
         ..PreviewSurface::default()
     };
-    let material = material(surface.clone(), &[Arc::new(Ramp::default())]);
+    let material = material(surface, &[Arc::new(Ramp::default())]);
     assert_eq!(material.normal_primvar(), Some("st"));
     let flat = material.resolve(&At(vec![("st", vec![0.5, 0.5])]));
     assert_eq!(flat.normal, Some(Vec3::Z));

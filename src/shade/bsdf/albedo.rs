@@ -4,7 +4,8 @@
 //! (Karis, "Real Shading in Unreal Engine 4", 2013, calls it the split sum), so that two tables over angle
 //! and roughness serve all materials. Between the nodes they are interpolated bilinearly; the averages are
 //! those of the interpolated tables, not of the true functions, so that what is taken from one layer is
-//! given to the next exactly.
+//! given to the next exactly. What is left is the tables' own error: a white surface in a white sky shines
+//! by at most half a percent too much, and that a third of a degree above the horizon.
 //!
 //! The tables depend on nothing and never change: constants that are computed at first use, in some ten
 //! milliseconds, because they would be long to write down.
@@ -18,8 +19,9 @@ use crate::shade::microfacet::{Ggx, schlick};
 const ANGLES: usize = 32;
 /// Nodes along the roughness.
 const ROUGHNESSES: usize = 32;
-/// Samples to a node, squared.
-const SAMPLES: usize = 18;
+/// Samples to a node, and the step between them: the Fibonacci numbers 15 and 13.
+const SAMPLES: usize = 610;
+const STEP: usize = 233;
 
 static TABLES: LazyLock<Tables> = LazyLock::new(Tables::new);
 
@@ -119,25 +121,23 @@ impl Tables {
     }
 }
 
-/// The albedo's parts, by the mean over a grid of visible facets.
+/// The albedo's parts, by the mean over visible facets on a Fibonacci lattice.
 fn integrate(ggx: Ggx, cos: f32) -> Parts {
     let o = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
     let (mut a, mut b) = (0.0_f64, 0.0_f64);
-    for j in 0..SAMPLES {
-        for k in 0..SAMPLES {
-            let u = [j, k].map(|n| (n as f32 + 0.5) / SAMPLES as f32);
-            let h = ggx.sample_visible(o, u);
-            let oh = o.dot(h);
-            let i = 2.0 * oh * h - o;
-            if i.z > 0.0 && oh > 0.0 {
-                let lit = f64::from(ggx.lit(o, i));
-                let edge = f64::from(schlick(oh));
-                a += lit * (1.0 - edge);
-                b += lit * edge;
-            }
+    for k in 0..SAMPLES {
+        let u = [k * STEP % SAMPLES, k].map(|n| (n as f32 + 0.5) / SAMPLES as f32);
+        let h = ggx.sample_visible(o, u);
+        let oh = o.dot(h);
+        let i = 2.0 * oh * h - o;
+        if i.z > 0.0 && oh > 0.0 {
+            let lit = f64::from(ggx.lit(o, i));
+            let edge = f64::from(schlick(oh));
+            a += lit * (1.0 - edge);
+            b += lit * edge;
         }
     }
-    let n = (SAMPLES * SAMPLES) as f64;
+    let n = SAMPLES as f64;
     Parts {
         a: (a / n) as f32,
         b: (b / n) as f32,

@@ -75,14 +75,10 @@ fn lambert_reflects_exactly_its_albedo() {
 fn nothing_reflects_more_than_it_gets() {
     for params in grid() {
         let bsdf = upright(&params);
-        for cos in [0.02, 0.1, 0.4, 0.8, 1.0] {
-            let found = furnace(&bsdf, cos, 1024);
-            // The tables' nodes lie close at grazing angles, but not infinitely close.
-            let slack = if cos < 0.05 { 0.03 } else { 0.01 };
-            assert!(
-                found.max_element() < 1.0 + slack,
-                "{params:?} {cos}: {found}"
-            );
+        for cos in [0.005, 0.02, 0.1, 0.4, 0.8, 1.0] {
+            let found = furnace(&bsdf, cos, 2048);
+            // The tables' error and the sampling's.
+            assert!(found.max_element() < 1.008, "{params:?} {cos}: {found}");
         }
     }
 }
