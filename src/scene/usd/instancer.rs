@@ -218,18 +218,18 @@ impl Reader {
             return still(&now);
         };
         let fps = self.frames_per_second;
-        if let Some((base, from, velocities)) = self.velocities(prim, "positions", count) {
-            let at_base = self.moment(prim, base);
+        if let Some(velocities) = self.velocities(prim, "positions", count) {
             let spins = self
-                .value_at(prim, "angularVelocities", base)
+                .value(prim, "angularVelocities")
                 .and_then(value::vectors)
                 .filter(|v| v.len() == count)
                 .unwrap_or_default();
+            let frame = self.time;
             return (0..count)
                 .map(|i| {
                     Motion::sample(|t| {
-                        let seconds = (open + (close - open) * t - base) / fps;
-                        let mut transform = at_base.transform(i);
+                        let seconds = (open + (close - open) * t - frame) / fps;
+                        let mut transform = now.transform(i);
                         if let Some(spin) = spins.get(i).map(|s| s.as_dvec3())
                             && spin.length_squared() > 0.0
                         {
@@ -237,8 +237,7 @@ impl Reader {
                             transform.matrix3 =
                                 transform.matrix3 * DMat3::from_axis_angle(spin.normalize(), angle);
                         }
-                        transform.translation =
-                            from[i].as_dvec3() + velocities[i].as_dvec3() * seconds;
+                        transform.translation += velocities[i].as_dvec3() * seconds;
                         transform
                     })
                 })

@@ -290,13 +290,11 @@ impl Reader {
         let Some([open, close]) = self.shutter else {
             return vec![now];
         };
-        if let Some((base, from, velocities)) = self.velocities(prim, "points", now.len()) {
-            let seconds = |t: f64| ((t - base) / self.frames_per_second) as f32;
+        if let Some(velocities) = self.velocities(prim, "points", now.len()) {
+            let seconds = |t: f64| ((t - self.time) / self.frames_per_second) as f32;
             let moved = |t: f64| -> Vec<Vec3> {
-                from.iter()
-                    .zip(&velocities)
-                    .map(|(p, v)| *p + *v * seconds(t))
-                    .collect()
+                let moving = now.iter().zip(&velocities);
+                moving.map(|(p, v)| *p + *v * seconds(t)).collect()
             };
             return distinct(vec![moved(open), moved(close)]);
         }
@@ -332,15 +330,15 @@ impl Reader {
         distinct(keys)
     }
 
-    /// Positions at the sample that velocities belong to: (its time, positions, velocities).
+    /// The velocities, in units a second, that belong to the positions at the frame.
     pub(super) fn velocities(
         &self,
         prim: &Prim,
         positions: &str,
         count: usize,
-    ) -> Option<(f64, Vec<Vec3>, Vec<Vec3>)> {
+    ) -> Option<Vec<Vec3>> {
         let velocities = prim.attribute("velocities");
-        if !velocities.has_authored_value().unwrap_or(false) {
+        if count == 0 || !velocities.has_authored_value().unwrap_or(false) {
             return None;
         }
         let bracket = |name: &str| {
@@ -352,18 +350,12 @@ impl Reader {
         };
         let base = bracket(positions).unwrap_or(self.time);
         // Velocities count only with the positions of the same moment.
-        if let Some(own) = bracket("velocities")
-            && (own - base).abs() > 1e-6
-        {
+        if bracket("velocities").is_some_and(|own| (own - base).abs() > 1e-6) {
             return None;
         }
-        let from = self
-            .value_at(prim, positions, base)
-            .and_then(value::vectors)?;
-        let values = self
-            .value_at(prim, "velocities", base)
-            .and_then(value::vectors)?;
-        (from.len() == count && values.len() == count && count > 0).then_some((base, from, values))
+        self.value_at(prim, "velocities", base)
+            .and_then(value::vectors)
+            .filter(|v| v.len() == count)
     }
 
     /// Subsets of the family `materialBind`.
