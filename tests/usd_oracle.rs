@@ -1,0 +1,317 @@
+//! Compares what relievo reads of USD scenes with what OpenUSD itself resolved, written down as JSON, and
+//! opens every USD file of a collection. Both lie in the folder that `RELIEVO_SHARED` names.
+#![allow(
+    clippy::print_stdout,
+    clippy::unwrap_used,
+    missing_docs,
+    reason = "a test"
+)]
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use relievo::error::Error;
+use relievo::math::{DAffine3, DMat4, Vec3};
+use relievo::mesh::{BoundaryInterpolation, FaceVaryingInterpolation, Scheme, TriangleRule};
+use relievo::scene::{Description, LightKind, LoadOptions, Purpose, load};
+use serde_json::Value;
+
+fn shared() -> Option<PathBuf> {
+    let folder = std::env::var_os("RELIEVO_SHARED").map(PathBuf::from);
+    if folder.is_none() {
+        println!("skipped: RELIEVO_SHARED names no folder of scenes");
+    }
+    folder
+}
+
+fn options(frame: f64) -> LoadOptions {
+    LoadOptions {
+        frame: Some(frame),
+        motion_blur: false,
+        purposes: vec![Purpose::Render, Purpose::Proxy, Purpose::Guide],
+        ..LoadOptions::default()
+    }
+}
+
+/// The value of a property at a time; a default for what has no samples.
+fn property<'a>(prim: &'a Value, name: &str, time: &str) -> Option<&'a Value> {
+    let property = prim.get("props")?.get(name)?;
+    property.get(time).or_else(|| property.get("d"))
+}
+
+fn integers(prim: &Value, name: &str, time: &str) -> Vec<u32> {
+    let values = property(prim, name, time).and_then(Value::as_array);
+    values
+        .into_iter()
+        .flatten()
+        .map(|v| u32::try_from(v.as_i64().unwrap()).unwrap())
+        .collect()
+}
+
+fn word<'a>(prim: &'a Value, name: &str, default: &'a str) -> &'a str {
+    property(prim, name, "d")
+        .and_then(Value::as_str)
+        .unwrap_or(default)
+}
+
+fn float(prim: &Value, name: &str, time: &str, default: f32) -> f32 {
+    property(prim, name, time)
+        .and_then(Value::as_f64)
+        .map_or(default, |v| v as f32)
+}
+
+fn matrix(prim: &Value, time: &str) -> DAffine3 {
+    let xf = &prim["xf"];
+    let numbers = xf.get(time).unwrap_or(&xf["d"]).as_array().unwrap();
+    let numbers: Vec<f64> = numbers.iter().map(|v| v.as_f64().unwrap()).collect();
+    DAffine3::from_mat4(DMat4::from_cols_slice(&numbers))
+}
+
+fn near(a: DAffine3, b: DAffine3) -> bool {
+    let size = 1.0
+        + b.to_cols_array()
+            .iter()
+            .fold(0.0_f64, |m, v| m.max(v.abs()));
+    a.abs_diff_eq(b, 2e-6 * size)
+}
+
+fn compare_mesh(place: &str, mesh: &relievo::mesh::ControlMesh, prim: &Value, time: &str) {
+    assert_eq!(
+        mesh.face_vertex_counts,
+        integers(prim, "faceVertexCounts", time),
+        "{place}"
+    );
+    assert_eq!(
+        mesh.face_vertex_indices,
+        integers(prim, "faceVertexIndices", time),
+        "{place}"
+    );
+    assert_eq!(mesh.holes, integers(prim, "holeIndices", time), "{place}");
+    let corners: Vec<u32> = mesh.corners.iter().map(|c| c.vertex).collect();
+    assert_eq!(corners, integers(prim, "cornerIndices", time), "{place}");
+    let edges: u32 = integers(prim, "creaseLengths", time)
+        .iter()
+        .map(|l| l - 1)
+        .sum();
+    assert_eq!(mesh.creases.len() as u32, edges, "{place}");
+    let points = property(prim, "points", time)
+        .and_then(Value::as_array)
+        .unwrap();
+    assert_eq!(mesh.points[0].len(), points.len(), "{place}");
+    for (mine, theirs) in mesh.points[0].iter().zip(points) {
+        let theirs: Vec<f32> = theirs
+            .as_array()
+            .unwrap()
+            .iter()
+            .map(|v| v.as_f64().unwrap() as f32)
+            .collect();
+        assert!(mine.abs_diff_eq(Vec3::from_slice(&theirs), 1e-5), "{place}");
+    }
+    let scheme = match word(prim, "subdivisionScheme", "catmullClark") {
+        "loop" => Scheme::Loop,
+        "bilinear" => Scheme::Bilinear,
+        "none" => Scheme::None,
+        _ => Scheme::CatmullClark,
+    };
+    let boundary = match word(prim, "interpolateBoundary", "edgeAndCorner") {
+        "none" => BoundaryInterpolation::None,
+        "edgeOnly" => BoundaryInterpolation::EdgeOnly,
+        _ => BoundaryInterpolation::EdgeAndCorner,
+    };
+    let face_varying = match word(prim, "faceVaryingLinearInterpolation", "cornersPlus1") {
+        "none" => FaceVaryingInterpolation::None,
+        "cornersOnly" => FaceVaryingInterpolation::CornersOnly,
+        "cornersPlus2" => FaceVaryingInterpolation::CornersPlus2,
+        "boundaries" => FaceVaryingInterpolation::Boundaries,
+        "all" => FaceVaryingInterpolation::All,
+        _ => FaceVaryingInterpolation::CornersPlus1,
+    };
+    let triangles = match word(prim, "triangleSubdivisionRule", "catmullClark") {
+        "smooth" => TriangleRule::Smooth,
+        _ => TriangleRule::CatmullClark,
+    };
+    assert_eq!(
+        (
+            mesh.scheme,
+            mesh.boundary,
+            mesh.face_varying,
+            mesh.triangle_rule
+        ),
+        (scheme, boundary, face_varying, triangles),
+        "{place}"
+    );
+    assert_eq!(
+        mesh.left_handed,
+        word(prim, "orientation", "rightHanded") == "leftHanded",
+        "{place}"
+    );
+}
+
+/// Compares one scene at one time; the number of meshes, cameras and lights that were found.
+fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 3] {
+    let frame = time.parse().unwrap();
+    let description: Description = load(scene, &options(frame)).unwrap();
+    let prims = oracle["prims"].as_object().unwrap();
+    let placements: HashMap<&str, _> = description
+        .placements
+        .iter()
+        .map(|p| (p.path.as_str(), p))
+        .collect();
+    let mut found = [0; 3];
+    for (path, prim) in prims {
+        let place = format!("{} {path} at {time}", scene.display());
+        let hidden = prim["vis"].get(time).and_then(Value::as_str) == Some("invisible");
+        let instanced = prims.iter().any(|(above, p)| {
+            p["type"] == "PointInstancer" && path.starts_with(&format!("{above}/"))
+        });
+        if instanced {
+            continue;
+        }
+        match prim["type"].as_str().unwrap() {
+            "Mesh" => {
+                let empty = integers(prim, "faceVertexCounts", time).is_empty();
+                let Some(placement) = placements.get(path.as_str()) else {
+                    assert!(hidden || empty, "{place} is missing");
+                    continue;
+                };
+                assert!(!hidden && !empty, "{place} should not be there");
+                let mine = placement.world_from_object[0];
+                assert!(near(mine, matrix(prim, time)), "{place}: {mine:?}");
+                let shape = &description.shapes[placement.shape];
+                compare_mesh(&place, &shape.mesh, prim, time);
+                let theirs = prim["mat_full"].as_str().unwrap_or_default();
+                let material = placement.material.or(shape.materials.whole);
+                assert!(
+                    material.is_none() || !theirs.is_empty(),
+                    "{place} has a material"
+                );
+                found[0] += 1;
+            }
+            "Camera" => {
+                let camera = description
+                    .cameras
+                    .iter()
+                    .find(|c| c.path == *path)
+                    .unwrap();
+                let mine = camera.world_from_camera[0];
+                assert!(near(mine, matrix(prim, time)), "{place}: {mine:?}");
+                for (mine, name, default) in [
+                    (camera.focal_length, "focalLength", 50.0),
+                    (camera.aperture.x, "horizontalAperture", 20.955),
+                    (camera.aperture.y, "verticalAperture", 15.2908),
+                    (camera.aperture_offset.x, "horizontalApertureOffset", 0.0),
+                    (camera.f_stop, "fStop", 0.0),
+                    (camera.focus_distance, "focusDistance", 0.0),
+                    (camera.exposure, "exposure", 0.0),
+                    (camera.shutter[0] as f32, "shutter:open", 0.0),
+                    (camera.shutter[1] as f32, "shutter:close", 0.0),
+                ] {
+                    let theirs = float(prim, name, time, default);
+                    assert!(
+                        (mine - theirs).abs() < 1e-5,
+                        "{place} {name}: {mine} {theirs}"
+                    );
+                }
+                found[1] += 1;
+            }
+            kind @ ("RectLight" | "DomeLight" | "SphereLight" | "DistantLight" | "DiskLight"
+            | "CylinderLight") => {
+                let light = description.lights.iter().find(|l| l.path == *path);
+                let Some(light) = light else {
+                    assert!(hidden, "{place} is missing");
+                    continue;
+                };
+                let mine = light.world_from_light;
+                assert!(near(mine, matrix(prim, time)), "{place}: {mine:?}");
+                let base = if kind == "DistantLight" { 50000.0 } else { 1.0 };
+                let scale = float(prim, "inputs:intensity", time, base)
+                    * float(prim, "inputs:exposure", time, 0.0).exp2();
+                let color = property(prim, "inputs:color", time)
+                    .and_then(Value::as_array)
+                    .map_or(Vec3::ONE, |c| {
+                        let c: Vec<f32> = c.iter().map(|v| v.as_f64().unwrap() as f32).collect();
+                        Vec3::from_slice(&c)
+                    });
+                assert!(light.color.abs_diff_eq(color * scale, 1e-3), "{place}");
+                if let LightKind::Rect { width, .. } = light.kind {
+                    assert_eq!(width, float(prim, "inputs:width", time, 1.0), "{place}");
+                }
+                if let LightKind::Distant { angle } = light.kind {
+                    assert_eq!(angle, float(prim, "inputs:angle", time, 0.53), "{place}");
+                }
+                found[2] += 1;
+            }
+            _ => {}
+        }
+    }
+    found
+}
+
+#[test]
+fn what_openusd_resolves_we_resolve() {
+    let Some(shared) = shared() else {
+        return;
+    };
+    let scenes = shared.join("assets/usd-scenes");
+    let mut total = [0; 3];
+    for (scene, oracle) in [
+        ("features.usda", "features.usda"),
+        ("features.usdc", "features.usdc"),
+        ("features.usdz", "features.usdz"),
+        ("comp/shot.usda", "comp_shot.usda"),
+        ("comp/shot.usdz", "comp_shot.usdz"),
+        ("comp/refz.usda", "comp_refz.usda"),
+        ("comp/reloc.usda", "comp_reloc.usda"),
+        ("clips/clips.usda", "clips_clips.usda"),
+    ] {
+        let file = shared.join(format!("oracles/usd/{oracle}.json"));
+        let oracle: Value = serde_json::from_slice(&std::fs::read(file).unwrap()).unwrap();
+        for time in ["0", "2.5", "4", "5", "7", "10", "20"] {
+            let found = compare(&scenes.join(scene), &oracle, time);
+            for (sum, n) in total.iter_mut().zip(found) {
+                *sum += n;
+            }
+        }
+    }
+    println!("meshes, cameras, lights compared: {total:?}");
+    assert!(total.iter().all(|n| *n > 0), "{total:?}");
+}
+
+fn usd_files(folder: &Path, out: &mut Vec<PathBuf>) {
+    let Ok(entries) = std::fs::read_dir(folder) else {
+        return;
+    };
+    for entry in entries.flatten() {
+        let path = entry.path();
+        let ending = path.extension().and_then(|e| e.to_str()).unwrap_or("");
+        if path.is_dir() {
+            usd_files(&path, out);
+        } else if matches!(ending, "usd" | "usda" | "usdc" | "usdz") {
+            out.push(path);
+        }
+    }
+}
+
+#[test]
+fn every_file_is_read_or_refused() {
+    let Some(shared) = shared() else {
+        return;
+    };
+    let mut files = Vec::new();
+    usd_files(&shared.join("assets"), &mut files);
+    files.sort();
+    let (mut read, mut refused) = (0, 0);
+    for file in &files {
+        match load(file, &LoadOptions::default()) {
+            Ok(_) => read += 1,
+            Err(Error::Input(fault)) => {
+                assert!(!fault.message.contains("gave up"), "{fault}");
+                println!("refused: {fault}");
+                refused += 1;
+            }
+            Err(other) => panic!("{}: {other}", file.display()),
+        }
+    }
+    println!("read {read}, refused {refused}");
+    assert!(read > 0);
+}
