@@ -286,7 +286,11 @@ fn vertex_mask(mesh: &ControlMesh, edges: &Edges, v: u32, stencils: &mut Stencil
         .into_iter()
         .chain(edges_ending)
         .fold((0.0, 0.0), |(sum, n), s| (sum + f64::from(s), n + 1.0));
-    let share = if count > 0.0 { f64::min(sum / count, 1.0) } else { 0.0 };
+    let share = if count > 0.0 {
+        f64::min(sum / count, 1.0)
+    } else {
+        0.0
+    };
     add(before, share);
     add(after, 1.0 - share);
 }
@@ -317,7 +321,10 @@ fn refine_face_varying(primvar: &Primvar, corners: usize) -> (Vec<f32>, Vec<u32>
         *middles.entry([a.min(b), a.max(b)]).or_insert_with(|| {
             let number = (values.len() / width) as u32;
             for i in 0..width {
-                let (x, y) = (values[a as usize * width + i], values[b as usize * width + i]);
+                let (x, y) = (
+                    values[a as usize * width + i],
+                    values[b as usize * width + i],
+                );
                 values.push(0.5 * x + 0.5 * y);
             }
             number
@@ -363,7 +370,10 @@ fn child_holes(mesh: &ControlMesh, edges: &Edges) -> Vec<u32> {
         hole[f as usize] = true;
     }
     if mesh.boundary == BoundaryInterpolation::None {
-        for (hole, face) in hole.iter_mut().zip(mesh.face_vertex_indices.chunks_exact(3)) {
+        for (hole, face) in hole
+            .iter_mut()
+            .zip(mesh.face_vertex_indices.chunks_exact(3))
+        {
             *hole |= face.iter().any(|&v| edges.at_border(v));
         }
     }
