@@ -1,12 +1,15 @@
 //! The control mesh: what a file says of a surface, as plain arrays.
 
 mod tags;
+mod triangulate;
 mod validate;
 
 pub use tags::{
     BoundaryInterpolation, Corner, Crease, CreaseMethod, FaceVaryingInterpolation, Scheme,
     TriangleRule,
 };
+
+pub use triangulate::{Triangles, triangulate};
 
 use crate::math::{Bounds3, Vec3};
 
