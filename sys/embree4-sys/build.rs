@@ -1,44 +1,47 @@
+//! Finds out which Embree is installed, compiles the layer over Embree 3 where needed, and generates bindings.
+
 use std::{env, path::PathBuf};
 
 fn main() {
-    println!("cargo:rerun-if-changed=c");
-    println!("cargo:rerun-if-env-changed=EMBREE_INCLUDE_DIR");
-    println!("cargo:rerun-if-env-changed=EMBREE_LIB_DIR");
-    println!("cargo:rustc-check-cfg=cfg(embree3)");
+    println!("cargo::rerun-if-changed=c");
+    println!("cargo::rerun-if-env-changed=EMBREE_INCLUDE_DIR");
+    println!("cargo::rerun-if-env-changed=EMBREE_LIB_DIR");
+    println!("cargo::rustc-check-cfg=cfg(embree3)");
     // Rebuild when the system's Embree is replaced by another.
     for dir in ["/usr/include/embree4", "/usr/include/embree3"] {
         if PathBuf::from(dir).is_dir() {
-            println!("cargo:rerun-if-changed={dir}/rtcore_config.h");
+            println!("cargo::rerun-if-changed={dir}/rtcore_config.h");
         }
     }
     let include = env::var_os("EMBREE_INCLUDE_DIR").map(PathBuf::from);
     if let Some(dir) = env::var_os("EMBREE_LIB_DIR") {
         println!(
-            "cargo:rustc-link-search=native={}",
+            "cargo::rustc-link-search=native={}",
             PathBuf::from(dir).display()
         );
     }
 
     // Which Embree is it? Ask the preprocessor that will compile against it.
-    let out = PathBuf::from(env::var_os("OUT_DIR").unwrap());
+    let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     let probe = out.join("probe.c");
     std::fs::write(
         &probe,
         "#include \"embree4.h\"\nembree_native_is EMBREE4_SYS_NATIVE\n",
     )
-    .unwrap();
+    .expect("OUT_DIR is writable");
     let mut cc = cc::Build::new();
     cc.include("c").includes(&include);
-    let expanded = String::from_utf8(cc.clone().file(&probe).expand()).unwrap();
+    let expanded =
+        String::from_utf8(cc.clone().file(&probe).expand()).expect("the preprocessor writes UTF-8");
     let native = expanded.split("embree_native_is").nth(1).map(str::trim);
     let v3 = match native {
         Some("4") => false,
         Some("3") => true,
         other => panic!("cannot tell the Embree version: {other:?}"),
     };
-    println!("cargo:native={}", native.unwrap()); // DEP_EMBREE_NATIVE for dependents
+    println!("cargo::metadata=native={}", native.expect("matched above")); // DEP_EMBREE_NATIVE for dependents
     if v3 {
-        println!("cargo:rustc-cfg=embree3");
+        println!("cargo::rustc-cfg=embree3");
         cc.clone()
             .file("c/on3.c")
             .warnings(true)
@@ -46,7 +49,7 @@ fn main() {
             .compile("embree4_on_3");
     }
     println!(
-        "cargo:rustc-link-lib=dylib={}",
+        "cargo::rustc-link-lib=dylib={}",
         if v3 { "embree3" } else { "embree4" }
     );
 
@@ -69,7 +72,7 @@ fn main() {
         b = b.clang_arg(format!("-I{}", dir.display()));
     }
     b.generate()
-        .expect("bindgen")
+        .expect("bindgen reads Embree's headers")
         .write_to_file(out.join("bindings.rs"))
-        .unwrap();
+        .expect("OUT_DIR is writable");
 }
