@@ -73,7 +73,7 @@ impl Tags {
         };
 
         match (name, &ints[..], strings) {
-            ("crease", [_, _, ..], []) if ints.len() % 2 == 0 => {
+            ("crease", [_, _, ..], []) if ints.len().is_multiple_of(2) => {
                 for (i, pair) in ints.chunks_exact(2).enumerate() {
                     let crease = Crease {
                         vertices: [pair[0], pair[1]],

@@ -141,7 +141,8 @@ pub fn refine_levels(mesh: &ControlMesh, levels: u32) -> Refined {
 
 /// `mesh` with its points and vertex primvars carried to the limit surface.
 ///
-/// Sharpness that is left counts as infinite: refine until it has decayed for the exact limit.
+/// Sharpness that is left counts as infinite: refine until it has decayed for the exact limit. A dart, where one
+/// sharp edge ends, takes the smooth mask as in OpenSubdiv; that is an approximation, better at each level.
 ///
 /// # Panics
 /// If a face is not a triangle.
