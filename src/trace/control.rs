@@ -146,8 +146,14 @@ pub(super) fn build_topology(handle: &Handle, mesh: &ControlMesh) -> Result<()> 
 }
 
 pub(super) fn set_rates(handle: &Handle, mesh: &ControlMesh, rates: &Rates) -> Result<()> {
-    // NaN becomes 1. 4096 is Embree's own limit.
-    let sane = |r: f32| r.max(1.0).min(4096.0);
+    // 4096 is Embree's own limit.
+    let sane = |r: f32| {
+        if r.is_nan() {
+            1.0
+        } else {
+            r.clamp(1.0, 4096.0)
+        }
+    };
     match rates {
         Rates::Uniform(rate) => {
             // SAFETY: the geometry is alive and a subdivision surface.

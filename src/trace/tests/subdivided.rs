@@ -373,6 +373,33 @@ fn points_of_large_valence() {
                 .is_finite()
         );
     }
+    // Faces of 4 and 6 corners that share point 0 and one edge each with the next.
+    let wheel = |n: u32, corners: u32| {
+        let mut mesh = fan(n * (corners - 2));
+        mesh.face_vertex_counts = vec![corners; n as usize];
+        let rim = n * (corners - 2);
+        mesh.face_vertex_indices = (0..n)
+            .flat_map(|f| {
+                (0..corners).map(move |c| match c {
+                    0 => 0,
+                    _ => 1 + (f * (corners - 2) + c - 1) % rim,
+                })
+            })
+            .collect();
+        mesh
+    };
+    for (n, corners) in [(63, 4), (31, 6)] {
+        let scene = build(&device, wheel(n, corners), options(4.0));
+        assert!(scene.intersect(&down(0.1, 0.05)).is_some());
+        for face in 0..n {
+            let point = scene.geometry(0).surface_point(face, Vec2::splat(0.6), 0.0);
+            assert!(point.position.is_finite());
+        }
+    }
+    for (n, corners) in [(64, 4), (32, 6)] {
+        let mesh = arc(wheel(n, corners));
+        assert!(Geometry::subdivision(&device, mesh, options(4.0)).is_err());
+    }
     for n in [64, 65, 200] {
         assert!(Geometry::subdivision(&device, arc(fan(n)), options(4.0)).is_err());
     }
