@@ -224,7 +224,15 @@ fn anchored(reader: &Reader, file: &Attribute, asset: &str) -> String {
         let folder = reader.file.parent().unwrap_or(Path::new("."));
         return folder.join(asset).to_string_lossy().into_owned();
     };
-    if let Some((package, inner)) = ar::split_package_relative_path_outer(&layer) {
+    // A package itself stands for the first layer in it.
+    let first = layer
+        .to_ascii_lowercase()
+        .ends_with(".usdz")
+        .then(|| Archive::open(&layer).ok()?.first_layer_name())
+        .flatten()
+        .map(|first| (layer.clone(), first));
+    let packed = first.or_else(|| ar::split_package_relative_path_outer(&layer));
+    if let Some((package, inner)) = packed {
         let folder = inner.rsplit_once('/').map_or("", |(folder, _)| folder);
         let mut parts: Vec<&str> = folder.split('/').filter(|p| !p.is_empty()).collect();
         for part in asset.split('/') {
