@@ -11,6 +11,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use relievo::error::Error;
+use relievo::image::ImageSource;
 use relievo::math::{DAffine3, DMat4, Vec3};
 use relievo::mesh::{BoundaryInterpolation, FaceVaryingInterpolation, Scheme, TriangleRule};
 use relievo::scene::{Description, LightKind, LoadOptions, Purpose, load};
@@ -181,10 +182,14 @@ fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 3] {
                 compare_mesh(&place, &shape.mesh, prim, time);
                 let theirs = prim["mat_full"].as_str().unwrap_or_default();
                 let material = placement.material.or(shape.materials.whole);
-                assert!(
-                    material.is_none() || !theirs.is_empty(),
-                    "{place} has a material"
-                );
+                let mine = material.map(|m| description.materials[m].path.as_str());
+                let surface = prims.get(theirs).and_then(|m| m["surf"].as_str());
+                match mine {
+                    // An instance's material is named in its prototype.
+                    Some(mine) if mine.starts_with("/__") => assert!(!theirs.is_empty(), "{place}"),
+                    Some(mine) => assert_eq!(mine, theirs, "{place}"),
+                    None => assert!(surface.is_none_or(str::is_empty), "{place}: {theirs}"),
+                }
                 found[0] += 1;
             }
             "Camera" => {
@@ -275,6 +280,34 @@ fn what_openusd_resolves_we_resolve() {
     }
     println!("meshes, cameras, lights compared: {total:?}");
     assert!(total.iter().all(|n| *n > 0), "{total:?}");
+}
+
+#[test]
+fn packages_bring_their_textures_and_splines_are_told() {
+    let Some(shared) = shared() else {
+        return;
+    };
+    let scenes = shared.join("assets/usd-scenes");
+    let packed = load(&scenes.join("features.usdz"), &options(0.0)).unwrap();
+    assert!(!packed.textures.is_empty());
+    for texture in &packed.textures {
+        let ImageSource::Packed { package, tiles } = &texture.image else {
+            panic!("{:?} is not in the package", texture.image);
+        };
+        assert!(package.ends_with("features.usdz"));
+        assert!(!tiles.is_empty() && tiles.iter().all(|(_, _, bytes)| !bytes.is_empty()));
+    }
+    let loose = load(&scenes.join("features.usda"), &options(0.0)).unwrap();
+    assert_eq!(loose.textures.len(), packed.textures.len());
+    for texture in &loose.textures {
+        let ImageSource::File(file) = &texture.image else {
+            panic!("{:?} is not a file", texture.image);
+        };
+        let tile = file.to_string_lossy().replace("<UDIM>", "1001");
+        assert!(Path::new(&tile).exists(), "{tile}");
+    }
+    let spline = load(&scenes.join("spline.usda"), &options(2.5)).unwrap();
+    assert!(spline.warnings.iter().any(|w| w.kind == "spline"));
 }
 
 fn usd_files(folder: &Path, out: &mut Vec<PathBuf>) {

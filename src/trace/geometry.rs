@@ -256,8 +256,11 @@ impl Handle {
         unsafe { sys::rtcSetGeometryTimeStepCount(self.raw, keys as u32) };
     }
 
-    /// Copies `data` into a new buffer of Embree's, `components` 32-bit numbers an item. Embree pads vertex
-    /// buffers for its 16-byte loads by itself.
+    /// Copies `data` into a new buffer of Embree's, `components` 32-bit numbers an item.
+    ///
+    /// Embree loads 16 bytes from each item of a vertex buffer. It allocates the excess after the last one but
+    /// leaves it as it is, and its checked builds stop the process where that is not a finite number by chance.
+    /// So such buffers end with items of zeros here, which no index names.
     pub(super) fn fill<T: Number>(
         &self,
         buffer: sys::RTCBufferType,
@@ -267,15 +270,38 @@ impl Handle {
         data: &[T],
     ) -> Result<()> {
         let items = data.len() / components;
+        let is_vertices = matches!(
+            buffer,
+            sys::RTC_BUFFER_TYPE_VERTEX | sys::RTC_BUFFER_TYPE_VERTEX_ATTRIBUTE
+        );
+        let excess = components.next_multiple_of(4) - components;
+        let zeros = if is_vertices {
+            excess.div_ceil(components)
+        } else {
+            0
+        };
         // SAFETY: the geometry is alive; format and stride agree (4 bytes a component).
         let to = unsafe {
-            sys::rtcSetNewGeometryBuffer(self.raw, buffer, slot, format, 4 * components, items)
+            sys::rtcSetNewGeometryBuffer(
+                self.raw,
+                buffer,
+                slot,
+                format,
+                4 * components,
+                items + zeros,
+            )
         };
         self.device.check()?;
-        if items > 0 {
+        if items + zeros > 0 {
             assert!(!to.is_null(), "Embree gave no buffer and no error");
-            // SAFETY: the buffer has `items * components` numbers of 4 bytes, is aligned to 16 bytes and new.
-            unsafe { std::ptr::copy_nonoverlapping(data.as_ptr(), to.cast(), items * components) };
+            let to = to.cast::<T>();
+            let used = items * components;
+            // SAFETY: the buffer has `items + zeros` items of `components` numbers of 4 bytes, is aligned to 16
+            // bytes and new; zero bits are a number of either type.
+            unsafe {
+                std::ptr::copy_nonoverlapping(data.as_ptr(), to, used);
+                std::ptr::write_bytes(to.add(used), 0, zeros * components);
+            }
         }
         Ok(())
     }

@@ -6,6 +6,7 @@
 //! A [`Device`] makes [`Geometry`]s, a [`SceneBuilder`] takes them and commits to a [`Scene`], which then
 //! answers rays from any number of threads.
 
+mod control;
 mod device;
 mod geometry;
 mod panics;

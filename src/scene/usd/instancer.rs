@@ -101,7 +101,7 @@ impl Reader {
         inner.in_instance = true;
         let mut prototypes = Vec::with_capacity(targets.len());
         for (i, target) in targets.iter().enumerate() {
-            if which.iter().any(|&w| w == i as i64) {
+            if which.contains(&(i as i64)) {
                 prototypes.push(Some(self.prototype(prim, target, &inner)?));
             } else {
                 prototypes.push(None);
@@ -133,7 +133,7 @@ impl Reader {
         instancer: &Prim,
         target: &sdf::Path,
         state: &State,
-    ) -> Result<std::rc::Rc<super::walk::Collected>> {
+    ) -> Result<std::rc::Rc<super::collect::Collected>> {
         let Some(prim) = self
             .stage
             .prim(target.clone())
@@ -234,8 +234,7 @@ impl Reader {
                             && spin.length_squared() > 0.0
                         {
                             let angle = spin.length().to_radians() * seconds;
-                            transform.matrix3 =
-                                transform.matrix3 * DMat3::from_axis_angle(spin.normalize(), angle);
+                            transform.matrix3 *= DMat3::from_axis_angle(spin.normalize(), angle);
                         }
                         transform.translation += velocities[i].as_dvec3() * seconds;
                         transform

@@ -3,7 +3,9 @@
 //! Nothing of the crate leaves this module. A file is opened on a thread of its own with a large stack,
 //! because deep nesting costs stack; one traversal carries what is inherited down the tree.
 
+mod attribute;
 mod camera;
+mod collect;
 mod instancer;
 mod light;
 mod material;

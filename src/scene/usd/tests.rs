@@ -142,6 +142,24 @@ fn damaged_files_are_refused() {
 }
 
 #[test]
+fn a_missing_reference_is_a_warning_and_a_bad_instancer_a_fault() {
+    let scene = read(&format!(
+        "def Xform \"A\" ( references = @./gone.usda@ ) {{ }}\ndef Mesh \"M\" {{ {QUAD} }}"
+    ));
+    assert_eq!(scene.placements.len(), 1);
+    assert!(kinds(&scene).iter().any(|k| k.starts_with("composition: ")));
+    let fault = refused(
+        "def PointInstancer \"P\" { int[] protoIndices = [0]
+        rel prototypes = </P/Q>
+        def Xform \"Q\" { } }",
+    );
+    assert!(
+        fault.message.contains("0 positions for 1 protoIndices"),
+        "{fault}"
+    );
+}
+
+#[test]
 fn transforms_purpose_and_visibility_are_inherited() {
     let scene = read(&format!(
         r#"def Xform "W" {{

@@ -174,13 +174,16 @@ impl Reader {
     }
 }
 
+/// A tile's number, its entry's name and bytes.
+type Tile = (u32, String, Arc<[u8]>);
+
 /// The name of a tile's entry.
 fn tile_name(name: &str, tile: u32) -> String {
     name.replace("<UDIM>", &tile.to_string())
 }
 
 /// The bytes of an entry of a package, or of all tiles of it.
-fn unpack(package: &Path, inner: &str) -> Result<Vec<(u32, String, Arc<[u8]>)>, String> {
+fn unpack(package: &Path, inner: &str) -> Result<Vec<Tile>, String> {
     let mut archive = Archive::open(package).map_err(|e| e.to_string())?;
     let mut inner = inner.to_owned();
     for _ in 0..MAX_PACKAGES {
@@ -216,12 +219,20 @@ fn anchored(reader: &Reader, file: &Attribute, asset: &str) -> String {
         .property_stack()
         .ok()
         .and_then(|stack| stack.into_iter().next())
-        .map(|site| site.layer.clone());
+        .map(|site| site.layer);
     let Some(layer) = layer else {
         let folder = reader.file.parent().unwrap_or(Path::new("."));
         return folder.join(asset).to_string_lossy().into_owned();
     };
-    if let Some((package, inner)) = ar::split_package_relative_path_outer(&layer) {
+    // A package itself stands for the first layer in it.
+    let first = layer
+        .to_ascii_lowercase()
+        .ends_with(".usdz")
+        .then(|| Archive::open(&layer).ok()?.first_layer_name())
+        .flatten()
+        .map(|first| (layer.clone(), first));
+    let packed = first.or_else(|| ar::split_package_relative_path_outer(&layer));
+    if let Some((package, inner)) = packed {
         let folder = inner.rsplit_once('/').map_or("", |(folder, _)| folder);
         let mut parts: Vec<&str> = folder.split('/').filter(|p| !p.is_empty()).collect();
         for part in asset.split('/') {

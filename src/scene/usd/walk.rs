@@ -5,27 +5,24 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use openusd::sdf::{self, Value};
+use openusd::sdf;
 use openusd::tf::Token;
 use openusd::usd::{Prim, Stage, TimeCode};
 use openusd_schemas::geom::XformQuery;
 
+use super::collect::Collected;
 use super::material::Bound;
 use super::motion::Motion;
 use super::value;
-use crate::error::{Error, Fault, Result, Warnings};
+use crate::error::{Fault, Result, Warnings};
 use crate::math::{DAffine3, DMat4, Vec3};
 use crate::mesh::Primvar;
-use crate::scene::{
-    Camera, Description, Light, LoadOptions, Material, Placement, Purpose, Shape, TextureSource,
-};
+use crate::scene::{Description, LoadOptions, Material, Placement, Purpose, Shape, TextureSource};
 
 /// Prims that are visited at most; a file can compose to any number of them.
 const MAX_PRIMS: usize = 4 << 20;
 /// How deep prims may nest.
 const MAX_DEPTH: usize = 1000;
-/// Placements that are made at most.
-const MAX_PLACEMENTS: usize = 16 << 20;
 
 /// What reads a stage.
 pub(super) struct Reader {
@@ -41,38 +38,19 @@ pub(super) struct Reader {
     pub(super) frames_per_second: f64,
     options: LoadOptions,
     prims: usize,
-    placed: usize,
-    here: Collected,
+    pub(super) placed: usize,
+    pub(super) here: Collected,
     /// Length of the path of what is being collected.
-    prefix: usize,
+    pub(super) prefix: usize,
     pub(super) shapes: Vec<Shape>,
     /// Shapes by the prim that defines them.
     pub(super) shape_of: HashMap<String, Vec<super::mesh::Known>>,
     pub(super) materials: Vec<Material>,
     pub(super) material_of: HashMap<String, Option<usize>>,
     pub(super) textures: Vec<TextureSource>,
-    prototypes: HashMap<String, Vec<(Inherited, Rc<Collected>)>>,
+    pub(super) prototypes: HashMap<String, Vec<(Inherited, Rc<Collected>)>>,
     /// Prototypes that are being collected, against those that hold themselves.
-    open: Vec<String>,
-}
-
-/// What was found below some prim, placed relative to it.
-#[derive(Default)]
-pub(super) struct Collected {
-    pub(super) items: Vec<Item>,
-    lights: Vec<(Light, Motion, bool)>,
-    cameras: Vec<(Camera, Motion, bool)>,
-}
-
-/// A placement before it is in the world.
-pub(super) struct Item {
-    path: String,
-    motion: Motion,
-    /// Whether `motion` leads to the world whatever is above.
-    reset: bool,
-    shape: usize,
-    display_color: Option<Vec3>,
-    material: Option<usize>,
+    pub(super) open: Vec<String>,
 }
 
 /// What a prim has from above, its own opinions included.
@@ -411,10 +389,15 @@ impl Reader {
 
     /// Applies the prim's own transform.
     pub(super) fn transform(&mut self, prim: &Prim, names: &[Token], state: &mut State) {
+        let path = prim.path().as_str();
+        if names.iter().any(|n| n.starts_with("motion:")) {
+            self.warn("MotionAPI", || {
+                format!("{path}: its motion settings are not honoured")
+            });
+        }
         if !names.iter().any(|n| n.starts_with("xformOp")) {
             return;
         }
-        let path = prim.path().as_str();
         for name in names.iter().filter(|n| n.starts_with("xformOp:")) {
             if self.is_spline(prim, name) {
                 self.warn("spline", || {
@@ -454,161 +437,6 @@ impl Reader {
         }
     }
 
-    /// Below a native instance: collected once for all instances of the prototype that inherit the same.
-    fn instance(&mut self, prim: &Prim, state: &State) -> Result<()> {
-        let prototype = prim.prototype().ok().flatten();
-        let key = prototype.map_or_else(
-            || prim.path().as_str().to_owned(),
-            |p| p.as_str().to_owned(),
-        );
-        let mut state = state.clone();
-        self.close_primvars(prim, &mut state);
-        state.in_instance = true;
-        let collected = self.collect(key, prim, &state, |reader, inner| {
-            let children = prim.children().unwrap_or_default();
-            children
-                .iter()
-                .try_for_each(|child| reader.visit(child, inner, false))
-        })?;
-        self.expand(&collected, prim.path().as_str(), &state, None)
-    }
-
-    /// Primvars of the world outside do not reach into what is shared, but for `displayColor`.
-    pub(super) fn close_primvars(&mut self, prim: &Prim, state: &mut State) {
-        if let Some(first) = state.inherited.primvars.first() {
-            let name = first.name.clone();
-            self.warn("primvar inherited by an instance", || {
-                format!(
-                    "{}: primvar {name} is inherited from outside the instance and not honoured in it",
-                    prim.path().as_str()
-                )
-            });
-            state.inherited.primvars = Rc::default();
-        }
-    }
-
-    /// What `walk` finds from the origin, remembered by `key` and what is inherited.
-    pub(super) fn collect(
-        &mut self,
-        key: String,
-        root: &Prim,
-        state: &State,
-        walk: impl FnOnce(&mut Self, &State) -> Result<()>,
-    ) -> Result<Rc<Collected>> {
-        let known = self.prototypes.get(&key).into_iter().flatten();
-        if let Some((_, collected)) = known.into_iter().find(|(i, _)| *i == state.inherited) {
-            return Ok(collected.clone());
-        }
-        if self.open.contains(&key) {
-            self.warn("recursive instance", || {
-                format!(
-                    "{}: it instances itself; left out there",
-                    root.path().as_str()
-                )
-            });
-            return Ok(Rc::default());
-        }
-        let inner = State {
-            world: DAffine3::IDENTITY.into(),
-            reset: false,
-            ..state.clone()
-        };
-        let outer = std::mem::take(&mut self.here);
-        let prefix = std::mem::replace(&mut self.prefix, root.path().as_str().len());
-        self.open.push(key.clone());
-        let result = walk(self, &inner);
-        self.open.pop();
-        self.prefix = prefix;
-        let collected = Rc::new(std::mem::replace(&mut self.here, outer));
-        result?;
-        self.prototypes
-            .entry(key)
-            .or_default()
-            .push((state.inherited.clone(), collected.clone()));
-        Ok(collected)
-    }
-
-    /// Places what was collected at `state`, below `path`.
-    pub(super) fn expand(
-        &mut self,
-        collected: &Collected,
-        path: &str,
-        state: &State,
-        color: Option<Vec3>,
-    ) -> Result<()> {
-        let path = self.relative(path);
-        let place = |motion: &Motion, reset: bool| {
-            if reset {
-                motion.clone()
-            } else {
-                state.world.then(motion)
-            }
-        };
-        self.count_placements(collected.items.len())?;
-        for item in &collected.items {
-            self.here.items.push(Item {
-                path: format!("{path}{}", item.path),
-                motion: place(&item.motion, item.reset),
-                reset: item.reset || state.reset,
-                shape: item.shape,
-                display_color: color.or(item.display_color),
-                material: item.material,
-            });
-        }
-        for (light, motion, reset) in &collected.lights {
-            let mut light = light.clone();
-            light.path.insert_str(0, &path);
-            let motion = place(motion, *reset);
-            self.here
-                .lights
-                .push((light, motion, *reset || state.reset));
-        }
-        for (camera, motion, reset) in &collected.cameras {
-            let mut camera = camera.clone();
-            camera.path.insert_str(0, &path);
-            let motion = place(motion, *reset);
-            self.here
-                .cameras
-                .push((camera, motion, *reset || state.reset));
-        }
-        Ok(())
-    }
-
-    /// Adds one placement.
-    pub(super) fn place(
-        &mut self,
-        prim: &Prim,
-        state: &State,
-        shape: usize,
-        display_color: Option<Vec3>,
-        material: Option<usize>,
-    ) -> Result<()> {
-        self.count_placements(1)?;
-        let path = self.relative(prim.path().as_str());
-        self.here.items.push(Item {
-            path,
-            motion: state.world.clone(),
-            reset: state.reset,
-            shape,
-            display_color,
-            material,
-        });
-        Ok(())
-    }
-
-    fn count_placements(&mut self, more: usize) -> Result<()> {
-        self.placed += more;
-        if self.placed > MAX_PLACEMENTS {
-            return Err(Error::Memory {
-                message: format!("the file has more than {MAX_PLACEMENTS} instances"),
-                help: Some(
-                    "merge small instances into one mesh, or render the scene in parts".into(),
-                ),
-            });
-        }
-        Ok(())
-    }
-
     /// A path below what is being collected.
     pub(super) fn relative(&self, path: &str) -> String {
         path.get(self.prefix..).unwrap_or(path).to_owned()
@@ -617,71 +445,5 @@ impl Reader {
     /// Notes a warning.
     pub(super) fn warn(&mut self, kind: &str, message: impl FnOnce() -> String) {
         self.warnings.add(kind, message);
-    }
-}
-
-/// Reading attributes at the frame.
-impl Reader {
-    /// Names of what layers say of a prim.
-    pub(super) fn authored(&self, prim: &Prim) -> Vec<Token> {
-        prim.authored_property_names().unwrap_or_default()
-    }
-
-    pub(super) fn type_name(&self, prim: &Prim) -> String {
-        prim.type_name()
-            .ok()
-            .flatten()
-            .map(|t| t.as_str().to_owned())
-            .unwrap_or_default()
-    }
-
-    pub(super) fn value(&self, prim: &Prim, name: &str) -> Option<Value> {
-        self.value_at(prim, name, self.time)
-    }
-
-    pub(super) fn value_at(&self, prim: &Prim, name: &str, time: f64) -> Option<Value> {
-        match prim.attribute(name).get_at::<Value>(TimeCode::new(time)) {
-            Ok(value) => value,
-            Err(e) => {
-                self.unreadable
-                    .borrow_mut()
-                    .add("unreadable attribute", || {
-                        format!("{}.{name}: {e}", prim.path().as_str())
-                    });
-                None
-            }
-        }
-    }
-
-    pub(super) fn number(&self, prim: &Prim, name: &str) -> Option<f64> {
-        self.value(prim, name).as_ref().and_then(value::number)
-    }
-
-    pub(super) fn truth(&self, prim: &Prim, name: &str) -> Option<bool> {
-        self.value(prim, name).as_ref().and_then(value::truth)
-    }
-
-    pub(super) fn word(&self, prim: &Prim, name: &str) -> Option<String> {
-        self.value(prim, name).and_then(value::word)
-    }
-
-    pub(super) fn metadata(&self, prim: &Prim, attribute: &str, key: &str) -> Option<Value> {
-        prim.attribute(attribute)
-            .get_metadata::<Value>(key)
-            .ok()
-            .flatten()
-    }
-
-    pub(super) fn targets(&self, prim: &Prim, name: &str) -> Vec<sdf::Path> {
-        prim.relationship(name)
-            .forwarded_targets()
-            .unwrap_or_default()
-    }
-
-    /// Whether an attribute is animated by a spline, which the crate does not evaluate.
-    pub(super) fn is_spline(&self, prim: &Prim, name: &str) -> bool {
-        prim.attribute(name)
-            .has_authored_metadata("spline")
-            .unwrap_or(false)
     }
 }

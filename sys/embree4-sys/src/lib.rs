@@ -26,11 +26,7 @@ pub const INVALID_ID: u32 = u32::MAX;
 
 /// The Embree that this crate was compiled against: major, minor, patch.
 pub const fn embree_version() -> [u32; 3] {
-    [
-        RTC_VERSION_MAJOR as u32,
-        RTC_VERSION_MINOR as u32,
-        RTC_VERSION_PATCH as u32,
-    ]
+    [RTC_VERSION_MAJOR, RTC_VERSION_MINOR, RTC_VERSION_PATCH]
 }
 
 /// Embree's inline function of this name, which has no symbol to link.
