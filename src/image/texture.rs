@@ -1,0 +1,817 @@
+//! Textures: whole images resident in memory, looked up with bilinear filtering at full resolution.
+//!
+//! There are no mip maps: a path tracer takes many samples a pixel, and their average is the filter; without it
+//! fine textures only need more samples. An 8-bit image keeps its bytes (a quarter of the floats' memory), which a
+//! table of 256 entries decodes texel by texel, so that colours are linear before they are filtered.
+
+use std::borrow::Cow;
+use std::ffi::{OsStr, OsString};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, LazyLock};
+
+use glam::{Mat3, Vec2, Vec4};
+use half::f16;
+use rayon::prelude::*;
+
+use super::border::{self, Info, Input, Kind, Pixels, Refusal};
+use super::{ColorSpace, ImageSource, Wrap, linear_from_srgb};
+use crate::error::Fault;
+
+/// The largest image that is loaded, in bytes: 32768 × 32768 bytes of RGBA. A header that promises more is
+/// damaged more often than meant, and must not make us ask the system for that memory.
+const LIMIT: usize = 1 << 32;
+
+/// The tile of UDIM that covers 0..1; the next in s is 1002, the next in t 1011.
+const FIRST_UDIM: u32 = 1001;
+
+/// An image, or the tiles of a UDIM set, in memory; colours come out in linear Rec.709.
+#[derive(Debug)]
+pub struct Texture {
+    /// In the order of their numbers; at least one.
+    tiles: Vec<Tile>,
+    udim: bool,
+    wrap: [Wrap; 2],
+    /// From the image's primaries, if those are others.
+    rec709_from_image: Option<Mat3>,
+}
+
+/// One image.
+#[derive(Debug)]
+struct Tile {
+    /// Its UDIM number, or 0.
+    number: u32,
+    size: [u32; 2],
+    layout: Layout,
+    /// Interleaved, row 0 on top.
+    pixels: Pixels,
+    /// What a byte of colour means; alpha is always linear.
+    color: &'static [f32; 256],
+}
+
+/// What the channels are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Layout {
+    Grey,
+    GreyAlpha,
+    /// Two numbers that are no colour.
+    Two,
+    Rgb,
+    Rgba,
+}
+
+impl Layout {
+    fn of(info: &Info) -> Self {
+        match info.channels {
+            1 => Self::Grey,
+            2 if info.alpha_channel == Some(1) => Self::GreyAlpha,
+            2 => Self::Two,
+            3 => Self::Rgb,
+            // Renderings have depth and more behind their colours.
+            4 if info.depth_channel == Some(3) => Self::Rgb,
+            4 => Self::Rgba,
+            _ if info.alpha_channel == Some(3) => Self::Rgba,
+            _ => Self::Rgb,
+        }
+    }
+
+    fn channels(self) -> usize {
+        match self {
+            Self::Grey => 1,
+            Self::GreyAlpha | Self::Two => 2,
+            Self::Rgb => 3,
+            Self::Rgba => 4,
+        }
+    }
+
+    /// How many of the channels are colours, ahead of alpha.
+    fn colors(self) -> usize {
+        match self {
+            Self::Grey | Self::GreyAlpha => 1,
+            Self::Two => 2,
+            Self::Rgb | Self::Rgba => 3,
+        }
+    }
+}
+
+impl Texture {
+    /// Reads it all, the tiles of a UDIM set in parallel. A fault names the file.
+    pub fn load(
+        source: &ImageSource,
+        wrap: [Wrap; 2],
+        color_space: ColorSpace,
+    ) -> Result<Self, Fault> {
+        let (udim, mut tiles) = match source {
+            ImageSource::File(path) => load_files(path, color_space)?,
+            ImageSource::Packed { package, tiles } => load_packed(package, tiles, color_space)?,
+        };
+        tiles.sort_by_key(|tile| tile.number);
+        Ok(Self {
+            tiles,
+            udim,
+            wrap,
+            rec709_from_image: (color_space == ColorSpace::AcesCg).then_some(REC709_FROM_ACESCG),
+        })
+    }
+
+    /// The same value everywhere: stands in for an image that is missing.
+    pub fn constant(value: Vec4) -> Self {
+        let mut pixels = value.to_array().to_vec();
+        pixels.iter_mut().for_each(|v| *v = tame(*v));
+        Self {
+            tiles: vec![Tile {
+                number: 0,
+                size: [1, 1],
+                layout: Layout::Rgba,
+                pixels: Pixels::Float(pixels),
+                color: &LINEAR,
+            }],
+            udim: false,
+            wrap: [Wrap::Clamp; 2],
+            rec709_from_image: None,
+        }
+    }
+
+    /// The value at `st`, bilinearly filtered; `t = 0` is the lower border of the image. A grey image is repeated in
+    /// red, green and blue; an image without alpha has 1; a channel that a two-channel image lacks has 0. Outside of
+    /// all UDIM tiles everything is 0. What is not a number is looked up as 0.
+    pub fn eval(&self, st: Vec2) -> Vec4 {
+        let st = Vec2::new(
+            if st.x.is_finite() { st.x } else { 0.0 },
+            if st.y.is_finite() { st.y } else { 0.0 },
+        );
+        if self.udim {
+            match self.udim_tile(st) {
+                // A tile ends at its border; its neighbour may be far away on the surface.
+                Some((tile, st)) => self.filter(tile, st, [Wrap::Clamp; 2]),
+                None => Vec4::ZERO,
+            }
+        } else {
+            self.filter(&self.tiles[0], st, self.wrap)
+        }
+    }
+
+    /// Width and height of the (first) image.
+    pub fn size(&self) -> [u32; 2] {
+        self.tiles[0].size
+    }
+
+    /// A texel of the (first) image, linear, row 0 on top; beyond the border: the nearest one.
+    pub fn texel(&self, x: u32, y: u32) -> Vec4 {
+        let tile = &self.tiles[0];
+        let [width, height] = tile.size;
+        self.to_rec709(tile.texel(x.min(width - 1), y.min(height - 1)))
+    }
+
+    /// Bytes that the pixels take.
+    pub fn memory(&self) -> usize {
+        let bytes = |tile: &Tile| match &tile.pixels {
+            Pixels::Byte(pixels) => size_of_val(pixels.as_slice()),
+            Pixels::Half(pixels) => size_of_val(pixels.as_slice()),
+            Pixels::Float(pixels) => size_of_val(pixels.as_slice()),
+        };
+        self.tiles.iter().map(bytes).sum()
+    }
+
+    /// The tile at `st`, and the place in it.
+    fn udim_tile(&self, st: Vec2) -> Option<(&Tile, Vec2)> {
+        let corner = st.floor();
+        // The far border of a tile belongs to it, unless a tile begins there.
+        let lower = |floor: f32, value: f32| (floor == value && floor > 0.0).then_some(floor - 1.0);
+        let columns = [Some(corner.x), lower(corner.x, st.x)];
+        let rows = [Some(corner.y), lower(corner.y, st.y)];
+        for row in rows.into_iter().flatten() {
+            for column in columns.into_iter().flatten() {
+                if !(0.0..10.0).contains(&column) || !(0.0..100.0).contains(&row) {
+                    continue;
+                }
+                let number = FIRST_UDIM + column as u32 + 10 * row as u32;
+                if let Ok(i) = self.tiles.binary_search_by_key(&number, |tile| tile.number) {
+                    return Some((&self.tiles[i], st - Vec2::new(column, row)));
+                }
+            }
+        }
+        None
+    }
+
+    fn filter(&self, tile: &Tile, st: Vec2, wrap: [Wrap; 2]) -> Vec4 {
+        let [width, height] = tile.size;
+        let (x, fx) = wrap[0].neighbours(st.x, width);
+        // Rows go down, t goes up; wrapping works on t.
+        let (y, fy) = wrap[1].neighbours(st.y, height);
+        let texel = |x: Option<u32>, y: Option<u32>| match (x, y) {
+            (Some(x), Some(y)) => tile.texel(x, height - 1 - y),
+            _ => Vec4::ZERO,
+        };
+        let low = texel(x[0], y[0]).lerp(texel(x[1], y[0]), fx);
+        let high = texel(x[0], y[1]).lerp(texel(x[1], y[1]), fx);
+        self.to_rec709(low.lerp(high, fy))
+    }
+
+    /// Linear, so that it may follow the filter.
+    fn to_rec709(&self, value: Vec4) -> Vec4 {
+        match self.rec709_from_image {
+            Some(matrix) => (matrix * value.truncate()).extend(value.w),
+            None => value,
+        }
+    }
+}
+
+impl Wrap {
+    /// The texels left and right of coordinate `s` in a row of `size`, and the second one's weight. `None`: black.
+    fn neighbours(self, s: f32, size: u32) -> ([Option<u32>; 2], f32) {
+        // Bring `s` near 0..1, where floats are fine enough.
+        let s = match self {
+            Self::Black => s.clamp(-1.0, 2.0),
+            Self::Clamp => s.clamp(0.0, 1.0),
+            Self::Repeat => s - s.floor(),
+            Self::Mirror => s - 2.0 * (0.5 * s).floor(),
+        };
+        // Texel i covers i..i + 1 and has its value in the middle.
+        let x = s * size as f32 - 0.5;
+        let left = x.floor();
+        let (size, first) = (i64::from(size), left as i64);
+        let place = |i: i64| {
+            let i = match self {
+                Self::Black => (0..size).contains(&i).then_some(i)?,
+                Self::Clamp => i.clamp(0, size - 1),
+                Self::Repeat => i.rem_euclid(size),
+                Self::Mirror => {
+                    let i = i.rem_euclid(2 * size);
+                    i.min(2 * size - 1 - i)
+                }
+            };
+            // In 0..size by now.
+            u32::try_from(i).ok()
+        };
+        ([place(first), place(first + 1)], x - left)
+    }
+}
+
+impl Tile {
+    fn texel(&self, x: u32, y: u32) -> Vec4 {
+        let channels = self.layout.channels();
+        let first = (y as usize * self.size[0] as usize + x as usize) * channels;
+        let mut v = [0.0; 4];
+        match &self.pixels {
+            Pixels::Byte(pixels) => {
+                let colors = self.layout.colors();
+                for (c, byte) in pixels[first..first + channels].iter().enumerate() {
+                    let table = if c < colors { self.color } else { &LINEAR };
+                    v[c] = table[usize::from(*byte)];
+                }
+            }
+            Pixels::Half(pixels) => {
+                for (v, half) in v.iter_mut().zip(&pixels[first..first + channels]) {
+                    *v = half.to_f32();
+                }
+            }
+            Pixels::Float(pixels) => {
+                v[..channels].copy_from_slice(&pixels[first..first + channels])
+            }
+        }
+        match self.layout {
+            Layout::Grey => Vec4::new(v[0], v[0], v[0], 1.0),
+            Layout::GreyAlpha => Vec4::new(v[0], v[0], v[0], v[1]),
+            Layout::Two => Vec4::new(v[0], v[1], 0.0, 1.0),
+            Layout::Rgb => Vec4::new(v[0], v[1], v[2], 1.0),
+            Layout::Rgba => Vec4::from_array(v),
+        }
+    }
+}
+
+/// Linear Rec.709 (white D65) from ACEScg (AP1, white near D60), adapted by Bradford's method.
+const REC709_FROM_ACESCG: Mat3 = Mat3::from_cols_array(&[
+    1.705_051,
+    -0.130_256_4,
+    -0.024_003_4, // red
+    -0.621_792_1,
+    1.140_804_7,
+    -0.128_969, // green
+    -0.083_258_9,
+    -0.010_548_3,
+    1.152_972_3, // blue
+]);
+
+static LINEAR: LazyTable = LazyTable(LazyLock::new(|| std::array::from_fn(|i| i as f32 / 255.0)));
+static SRGB: LazyTable = LazyTable(LazyLock::new(|| {
+    std::array::from_fn(|i| linear_from_srgb(i as f32 / 255.0))
+}));
+
+/// The value of each byte, computed at its first use.
+struct LazyTable(LazyLock<[f32; 256]>);
+
+impl std::ops::Deref for LazyTable {
+    type Target = [f32; 256];
+    fn deref(&self) -> &[f32; 256] {
+        &self.0
+    }
+}
+
+// ---- Loading ----
+
+fn load_files(path: &Path, color_space: ColorSpace) -> Result<(bool, Vec<Tile>), Fault> {
+    let Some(files) = udim_files(path)? else {
+        return Ok((false, vec![load_file(0, path, color_space)?]));
+    };
+    let tiles: Result<_, _> = files
+        .par_iter()
+        .map(|(number, file)| load_file(*number, file, color_space))
+        .collect();
+    Ok((true, tiles?))
+}
+
+fn load_packed(
+    package: &Path,
+    tiles: &[(u32, String, Arc<[u8]>)],
+    color_space: ColorSpace,
+) -> Result<(bool, Vec<Tile>), Fault> {
+    if tiles.is_empty() {
+        return Err(Fault::new("the package does not hold the image")
+            .in_file(package)
+            .advise("Pack the scene again, with its textures."));
+    }
+    let udim = tiles.iter().any(|(number, ..)| *number != 0);
+    let tiles: Result<_, _> = tiles
+        .par_iter()
+        .map(|(number, name, bytes)| {
+            // The notation of USD for a file in a package.
+            let place = PathBuf::from(format!("{}[{name}]", package.display()));
+            load_image(*number, OsStr::new(name), Some(bytes), color_space)
+                .map_err(|refusal| fault(&place, &refusal))
+        })
+        .collect();
+    Ok((udim, tiles?))
+}
+
+/// The number and the file of each tile, if `path` has a `<UDIM>` in its name.
+fn udim_files(path: &Path) -> Result<Option<Vec<(u32, PathBuf)>>, Fault> {
+    const TOKEN: &str = "<UDIM>";
+    let Some((before, after)) = path
+        .file_name()
+        .and_then(OsStr::to_str)
+        .and_then(|name| name.split_once(TOKEN))
+    else {
+        return Ok(None);
+    };
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let entries = fs::read_dir(folder).map_err(|e| cannot_find(path, &e))?;
+    let mut files = Vec::new();
+    for entry in entries {
+        let entry = entry.map_err(|e| cannot_find(path, &e))?;
+        let name: OsString = entry.file_name();
+        let number = name
+            .to_str()
+            .and_then(|name| name.strip_prefix(before))
+            .and_then(|name| name.strip_suffix(after))
+            .filter(|digits| digits.len() == 4)
+            .and_then(|digits| digits.parse::<u32>().ok())
+            .filter(|number| (FIRST_UDIM..2000).contains(number));
+        if let Some(number) = number {
+            files.push((number, folder.join(name)));
+        }
+    }
+    if files.is_empty() {
+        return Err(Fault::new("no file of this UDIM set exists")
+            .in_file(path)
+            .advise(format!(
+                "The first one would be `{}`.",
+                folder
+                    .join(format!("{before}{FIRST_UDIM}{after}"))
+                    .display()
+            )));
+    }
+    files.sort();
+    Ok(Some(files))
+}
+
+fn load_file(number: u32, path: &Path, color_space: ColorSpace) -> Result<Tile, Fault> {
+    // The system's reason is clearer than any reader's.
+    match fs::File::open(path).and_then(|file| file.metadata()) {
+        Err(e) => return Err(cannot_find(path, &e)),
+        Ok(metadata) if metadata.is_dir() => {
+            return Err(Fault::new("this is a folder, not an image")
+                .in_file(path)
+                .advise("Name an image file."));
+        }
+        Ok(_) => {}
+    }
+    load_image(number, path.as_os_str(), None, color_space).map_err(|refusal| fault(path, &refusal))
+}
+
+fn load_image(
+    number: u32,
+    name: &OsStr,
+    bytes: Option<&Arc<[u8]>>,
+    color_space: ColorSpace,
+) -> Result<Tile, Refusal> {
+    let mut input = Input::open(name, bytes.cloned())?;
+    let info = input.info(0)?;
+    let layout = Layout::of(&info);
+    let mut pixels = input.read(0, layout.channels() as u32, info.format, LIMIT)?;
+    let srgb = is_srgb(color_space, &info, layout);
+    match &mut pixels {
+        // The table decodes.
+        Pixels::Byte(_) => {}
+        Pixels::Half(pixels) => pixels
+            .par_chunks_exact_mut(layout.channels())
+            .for_each(|texel| {
+                for (c, v) in texel.iter_mut().enumerate() {
+                    let decoded = decode(v.to_f32(), srgb && c < layout.colors());
+                    *v = f16::from_f32(decoded);
+                }
+            }),
+        Pixels::Float(pixels) => pixels
+            .par_chunks_exact_mut(layout.channels())
+            .for_each(|texel| {
+                for (c, v) in texel.iter_mut().enumerate() {
+                    *v = decode(*v, srgb && c < layout.colors());
+                }
+            }),
+    }
+    Ok(Tile {
+        number,
+        size: [info.width, info.height],
+        layout,
+        pixels,
+        color: if srgb { &SRGB } else { &LINEAR },
+    })
+}
+
+/// UsdUVTexture's rule for `auto`; but an image that says that it is linear is believed.
+fn is_srgb(color_space: ColorSpace, info: &Info, layout: Layout) -> bool {
+    match color_space {
+        ColorSpace::Srgb => true,
+        ColorSpace::Raw | ColorSpace::AcesCg => false,
+        ColorSpace::Auto => {
+            let says = info.color_space.to_lowercase();
+            info.format == border::Format::Byte
+                && layout.colors() == 3
+                && !says.starts_with("lin")
+                && says != "scene_linear"
+        }
+    }
+}
+
+fn decode(value: f32, srgb: bool) -> f32 {
+    let value = tame(value);
+    if srgb { linear_from_srgb(value) } else { value }
+}
+
+/// Makes a number of anything: one NaN or infinity would spread over all pixels that its texel lights. 65504 is what
+/// a sun too bright for half floats was before it became infinite, as far as the file can tell.
+fn tame(value: f32) -> f32 {
+    if value.is_nan() {
+        0.0
+    } else if value.is_infinite() {
+        f16::MAX.to_f32().copysign(value)
+    } else {
+        value
+    }
+}
+
+// ---- Faults ----
+
+fn cannot_find(path: &Path, error: &std::io::Error) -> Fault {
+    Fault::new(format!("the image cannot be opened: {error}"))
+        .in_file(path)
+        .advise(
+            "Check the path (a relative one starts at the file that names it) and that you may read it; \
+             or let `--missing-textures` put a colour in its place.",
+        )
+}
+
+fn fault(path: &Path, refusal: &Refusal) -> Fault {
+    let reason = &refusal.message;
+    let (message, help): (_, Cow<'_, str>) = match refusal.kind {
+        Kind::CannotOpen => (
+            format!("the image cannot be opened: {reason}"),
+            format!(
+                "OpenImageIO {} reads OpenEXR, PNG, JPEG, TIFF, Radiance HDR and more: check that the file is \
+                 whole, and convert it if it has another format.",
+                border::version()
+            )
+            .into(),
+        ),
+        Kind::BadImage => (
+            format!("the image cannot be used: {reason}"),
+            "Textures are flat images; flatten or convert it.".into(),
+        ),
+        Kind::TooLarge => (
+            format!("the image is too large: {reason}"),
+            "Scale it down, or cut it into UDIM tiles.".into(),
+        ),
+        Kind::CannotRead => (
+            format!("the image is cut off or damaged: {reason}"),
+            "Copy or export it again.".into(),
+        ),
+        Kind::CannotWrite | Kind::Absent | Kind::Misuse => (
+            format!("the image cannot be read: {reason}"),
+            "Convert it to OpenEXR or PNG.".into(),
+        ),
+    };
+    Fault::new(message).in_file(path).advise(help)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Channel, ChannelFormat, Compression, Part, Picture, write_exr, write_png};
+
+    const REPEAT: [Wrap; 2] = [Wrap::Repeat; 2];
+
+    /// Writes floats (rows from the top) as an EXR file with channels of these names.
+    fn exr(path: &Path, width: u32, names: &str, format: ChannelFormat, pixels: &[f32]) {
+        let channels: Vec<_> = names
+            .chars()
+            .map(|name| Channel {
+                name: name.into(),
+                format,
+            })
+            .collect();
+        let height = (pixels.len() / channels.len()) as u32 / width;
+        let picture = Picture {
+            width,
+            height,
+            display_window: (width, height, 0, 0),
+            parts: vec![Part {
+                name: String::new(),
+                channels,
+                pixels: pixels.to_vec(),
+            }],
+            metadata: Vec::new(),
+            tile: None,
+            compression: Compression::Zip,
+        };
+        write_exr(path, &picture).expect("written");
+    }
+
+    /// Grey 2 × 2 with rows 0, 1 and 2, 3.
+    fn two_by_two(wrap: Wrap) -> Texture {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.exr");
+        exr(&path, 2, "Y", ChannelFormat::Float, &[0.0, 1.0, 2.0, 3.0]);
+        let source = ImageSource::File(path);
+        Texture::load(&source, [wrap; 2], ColorSpace::Auto).expect("loaded")
+    }
+
+    fn load(path: &Path, color_space: ColorSpace) -> Result<Texture, Fault> {
+        Texture::load(&ImageSource::File(path.into()), REPEAT, color_space)
+    }
+
+    fn close(a: Vec4, b: Vec4) -> bool {
+        a.abs_diff_eq(b, 1e-5)
+    }
+
+    fn grey(v: f32) -> Vec4 {
+        Vec4::new(v, v, v, 1.0)
+    }
+
+    #[test]
+    fn texel_centres_give_texels_and_t_goes_up() {
+        for wrap in [Wrap::Black, Wrap::Clamp, Wrap::Repeat, Wrap::Mirror] {
+            let texture = two_by_two(wrap);
+            for (x, y, value) in [(0, 0, 0.0), (1, 0, 1.0), (0, 1, 2.0), (1, 1, 3.0)] {
+                let st = Vec2::new((x as f32 + 0.5) / 2.0, 1.0 - (y as f32 + 0.5) / 2.0);
+                assert_eq!(texture.eval(st), grey(value), "{wrap:?}");
+                assert_eq!(texture.texel(x, y), grey(value));
+            }
+            assert_eq!(texture.eval(Vec2::splat(0.5)), grey(1.5));
+            assert_eq!((texture.size(), texture.memory()), ([2, 2], 16));
+        }
+    }
+
+    #[test]
+    fn borders_are_wrapped() {
+        let at = |wrap, s, t| two_by_two(wrap).eval(Vec2::new(s, t));
+        // The lower left corner is texel 2; its row is 2, 3, its column 2, 0.
+        assert_eq!(at(Wrap::Clamp, 0.0, 0.0), grey(2.0));
+        assert_eq!(at(Wrap::Clamp, -7.0, 0.25), grey(2.0));
+        assert_eq!(at(Wrap::Clamp, 1e30, -1e30), grey(3.0));
+        assert_eq!(at(Wrap::Repeat, 0.0, 0.25), grey(2.5));
+        assert_eq!(at(Wrap::Repeat, 5.25, -3.75), grey(2.0));
+        assert_eq!(at(Wrap::Repeat, 0.0, 0.0), grey(1.5));
+        assert_eq!(at(Wrap::Mirror, 0.0, 0.0), grey(2.0));
+        assert_eq!(at(Wrap::Mirror, 1.25, 0.25), grey(3.0));
+        assert_eq!(at(Wrap::Mirror, -1.25, 2.25), grey(3.0));
+        assert_eq!(at(Wrap::Black, 0.0, 0.25), grey(2.0) * 0.5);
+        assert_eq!(at(Wrap::Black, 1.5, 0.25), Vec4::ZERO);
+        assert_eq!(at(Wrap::Black, -1e30, 0.25), Vec4::ZERO);
+    }
+
+    #[test]
+    fn no_coordinate_panics() {
+        let odd = [
+            f32::NAN,
+            f32::INFINITY,
+            f32::NEG_INFINITY,
+            f32::MAX,
+            f32::MIN,
+            f32::MIN_POSITIVE,
+            -f32::MIN_POSITIVE,
+            -1e-8,
+            1.0 - f32::EPSILON / 2.0,
+            16_777_217.0,
+        ];
+        for wrap in [Wrap::Black, Wrap::Clamp, Wrap::Repeat, Wrap::Mirror] {
+            let mut texture = two_by_two(wrap);
+            for udim in [false, true] {
+                texture.udim = udim;
+                for s in odd {
+                    for t in odd {
+                        assert!(texture.eval(Vec2::new(s, t)).is_finite());
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn eight_bits_with_colour_are_srgb_unless_told() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.png");
+        let linear = Vec4::new(0.214_041_14, 1.0, 0.0, 1.0);
+        write_png(&path, 1, 1, &[linear]).expect("written");
+        let texture = load(&path, ColorSpace::Auto).expect("loaded");
+        let decoded = texture.eval(Vec2::ZERO);
+        assert!(decoded.abs_diff_eq(linear, 2e-3), "{decoded}");
+        assert_eq!(texture.memory(), 4);
+        let raw = load(&path, ColorSpace::Raw)
+            .expect("loaded")
+            .eval(Vec2::ZERO);
+        assert!(close(raw, Vec4::new(128.0 / 255.0, 1.0, 0.0, 1.0)));
+        // Half floats are not, but may be told to be.
+        let path = folder.path().join("a.exr");
+        exr(&path, 1, "RGBA", ChannelFormat::Half, &[0.5, 1.0, 0.0, 0.5]);
+        let texture = load(&path, ColorSpace::Auto).expect("loaded");
+        assert_eq!(texture.eval(Vec2::ZERO), Vec4::new(0.5, 1.0, 0.0, 0.5));
+        assert_eq!(texture.memory(), 8);
+        let decoded = load(&path, ColorSpace::Srgb)
+            .expect("loaded")
+            .eval(Vec2::ZERO);
+        assert!(decoded.abs_diff_eq(Vec4::new(0.214_041, 1.0, 0.0, 0.5), 1e-3));
+    }
+
+    #[test]
+    fn straight_alpha_stays_straight() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.png");
+        write_png(&path, 1, 1, &[Vec4::new(0.2, 0.2, 0.0, 0.2)]).expect("written");
+        let value = load(&path, ColorSpace::Auto)
+            .expect("loaded")
+            .eval(Vec2::ZERO);
+        assert!(close(value, Vec4::new(1.0, 1.0, 0.0, 0.2)), "{value}");
+    }
+
+    #[test]
+    fn acescg_becomes_rec709() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.exr");
+        let pixels = [1.0, 1.0, 1.0, 1.0, 0.0, 0.0];
+        exr(&path, 2, "RGB", ChannelFormat::Float, &pixels);
+        let texture = load(&path, ColorSpace::AcesCg).expect("loaded");
+        assert!(close(texture.texel(0, 0), Vec4::ONE));
+        let red = Vec4::new(1.705_051, -0.130_256, -0.024_003, 1.0);
+        assert!(close(texture.texel(1, 0), red));
+    }
+
+    #[test]
+    fn depth_is_not_alpha_and_odd_numbers_are_tamed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.exr");
+        let pixels = [f32::NAN, f32::INFINITY, 0.5, 9.0];
+        exr(&path, 1, "RGBZ", ChannelFormat::Half, &pixels);
+        let texture = load(&path, ColorSpace::Auto).expect("loaded");
+        assert_eq!(texture.texel(0, 0), Vec4::new(0.0, 65504.0, 0.5, 1.0));
+        let constant = Texture::constant(Vec4::new(1.0, f32::NAN, 1.0, 1.0));
+        let magenta = Vec4::new(1.0, 0.0, 1.0, 1.0);
+        assert_eq!(constant.eval(Vec2::new(-3.0, 0.7)), magenta);
+        assert_eq!(constant.eval(Vec2::NAN), magenta);
+    }
+
+    #[test]
+    fn udim_tiles_lie_side_by_side() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (number, value) in [(1001, 1.0), (1002, 2.0), (1011, 11.0)] {
+            let path = folder.path().join(format!("a.{number}.exr"));
+            exr(&path, 1, "Y", ChannelFormat::Half, &[value]);
+        }
+        for other in ["a.1003.exr.bak", "a.100.exr", "a.12345.exr", "b.1004.exr"] {
+            fs::write(folder.path().join(other), "no image").expect("written");
+        }
+        let texture = load(&folder.path().join("a.<UDIM>.exr"), ColorSpace::Auto).expect("loaded");
+        let at = |s, t| texture.eval(Vec2::new(s, t));
+        assert_eq!(at(0.5, 0.5), grey(1.0));
+        assert_eq!(at(1.01, 0.5), grey(2.0));
+        assert_eq!(at(0.5, 1.99), grey(11.0));
+        // The far border belongs to the tile if none begins there.
+        assert_eq!(at(2.0, 1.0), grey(2.0));
+        assert_eq!(at(1.0, 1.5), grey(11.0));
+        for (s, t) in [(2.1, 0.5), (-0.1, 0.5), (1.5, 1.5), (0.5, -4.0), (1e9, 1e9)] {
+            assert_eq!(at(s, t), Vec4::ZERO);
+        }
+        let fault = load(&folder.path().join("c.<UDIM>.exr"), ColorSpace::Auto).expect_err("none");
+        assert!(fault.help.expect("help").contains("c.1001.exr"));
+    }
+
+    #[test]
+    fn images_come_from_bytes_too() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (png, exr_path) = (folder.path().join("a.png"), folder.path().join("a.exr"));
+        write_png(&png, 1, 1, &[Vec4::ONE]).expect("written");
+        exr(&exr_path, 1, "Y", ChannelFormat::Half, &[2.0]);
+        let bytes = |path| Arc::<[u8]>::from(fs::read(path).expect("readable"));
+        let load = |tiles| {
+            let package = PathBuf::from("scene.usdz");
+            let source = ImageSource::Packed { package, tiles };
+            Texture::load(&source, REPEAT, ColorSpace::Auto)
+        };
+        let one = load(vec![(0, "0/a.png".into(), bytes(&png))]).expect("loaded");
+        assert_eq!(one.eval(Vec2::splat(7.5)), Vec4::ONE);
+        let udim = load(vec![
+            (1002, "0/a.1002.exr".into(), bytes(&exr_path)),
+            (1001, "0/a.1001.png".into(), bytes(&png)),
+        ])
+        .expect("loaded");
+        assert_eq!(udim.eval(Vec2::splat(0.5)), Vec4::ONE);
+        assert_eq!(udim.eval(Vec2::new(1.5, 0.5)), grey(2.0));
+        assert!(load(Vec::new()).is_err());
+        let cut = bytes(&exr_path)[..40].into();
+        let fault = load(vec![(0, "0/a.exr".into(), cut)]).expect_err("cut off");
+        assert_eq!(fault.file, Some("scene.usdz[0/a.exr]".into()));
+    }
+
+    #[test]
+    fn what_is_no_image_is_a_fault_with_advice() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let missing = folder.path().join("missing.png");
+        let text = folder.path().join("text.png");
+        fs::write(&text, "this is no picture").expect("written");
+        let unknown = folder.path().join("a.unknown");
+        fs::write(&unknown, [0_u8; 64]).expect("written");
+        let empty = folder.path().join("empty.exr");
+        fs::write(&empty, []).expect("written");
+        for path in [
+            &missing,
+            &text,
+            &unknown,
+            &empty,
+            &folder.path().to_path_buf(),
+        ] {
+            let fault = load(path, ColorSpace::Auto).expect_err("no image");
+            assert_eq!(fault.file.as_ref(), Some(path));
+            assert!(fault.help.is_some_and(|help| !help.is_empty()));
+        }
+    }
+
+    #[test]
+    fn every_truncation_is_a_fault() {
+        let folder = tempfile::tempdir().expect("a folder");
+        // Noise, so that nothing packs well and each part of the file matters.
+        let mut state = 1_u32;
+        let noise: Vec<f32> = (0..64 * 64 * 3)
+            .map(|_| {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (state >> 8) as f32 / 16_777_216.0
+            })
+            .collect();
+        let (png, exr_path) = (folder.path().join("a.png"), folder.path().join("a.exr"));
+        exr(&exr_path, 64, "RGB", ChannelFormat::Half, &noise);
+        let rgba: Vec<Vec4> = noise
+            .chunks_exact(3)
+            .map(|c| Vec4::new(c[0], c[1], c[2], 1.0))
+            .collect();
+        write_png(&png, 64, 64, &rgba).expect("written");
+        for path in [png, exr_path] {
+            let bytes = fs::read(&path).expect("readable");
+            for tenth in 0..10 {
+                fs::write(&path, &bytes[..bytes.len() * tenth / 10]).expect("written");
+                let fault = load(&path, ColorSpace::Auto).expect_err("cut off");
+                assert_eq!(fault.file, Some(path.clone()));
+            }
+        }
+    }
+
+    #[test]
+    fn too_many_texels_are_refused_before_they_are_allocated() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("a.exr");
+        exr(&path, 2, "RGB", ChannelFormat::Float, &[0.0; 12]);
+        let mut input = Input::open(path.as_os_str(), None).expect("opened");
+        let refusal = input
+            .read(0, 3, border::Format::Float, 47)
+            .expect_err("too large");
+        assert_eq!(refusal.kind, Kind::TooLarge);
+        assert!(input.read(0, 3, border::Format::Float, 48).is_ok());
+        assert_eq!(
+            input
+                .read(0, 4, border::Format::Float, 1 << 20)
+                .expect_err("three channels")
+                .kind,
+            Kind::Misuse
+        );
+    }
+}
