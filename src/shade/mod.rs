@@ -1,1 +1,3 @@
 //! To follow.
+
+pub mod light;
