@@ -8,3 +8,6 @@ pub mod material;
 pub mod microfacet;
 pub mod sampler;
 pub mod texture_map;
+//! To follow.
+
+pub mod light;

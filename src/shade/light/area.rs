@@ -1,0 +1,193 @@
+//! Lights that are surfaces: what they radiate, and how rays meet them.
+
+use std::f32::consts::PI;
+
+use super::picture::Picture;
+use super::planar::Planar;
+use super::round::{Ellipsoid, Tube};
+use super::shaping::Shaping;
+use super::{luminance, usable};
+use crate::accel::{Hit, Intersector};
+use crate::math::{Bounds3, DAffine3, Ray, Vec2, Vec3};
+use crate::scene::{self, LightKind};
+
+/// A direction towards a light.
+pub(super) struct Sampled {
+    pub(super) wi: Vec3,
+    pub(super) distance: f32,
+    /// Per solid angle.
+    pub(super) pdf: f32,
+    pub(super) uv: Vec2,
+}
+
+/// Where a ray meets a light.
+pub(super) struct Met {
+    pub(super) t: f32,
+    pub(super) uv: Vec2,
+    /// Unit, to the side that shines.
+    pub(super) normal: Vec3,
+}
+
+/// The geometry of a light in the world.
+#[derive(Debug, Clone, Copy)]
+enum Form {
+    Planar(Planar),
+    Ellipsoid(Ellipsoid),
+    Tube(Tube),
+}
+
+/// A light that is a surface.
+#[derive(Debug, Clone)]
+pub(super) struct AreaLight {
+    form: Form,
+    /// Without picture and shaping.
+    radiance: Vec3,
+    picture: Option<Picture>,
+    shaping: Option<Shaping>,
+    /// Index into the description's lights.
+    pub(super) light: usize,
+    /// The probability that it is chosen.
+    pub(super) pick: f32,
+}
+
+impl AreaLight {
+    /// `None` if the light has no area, or is none of this sort.
+    pub(super) fn new(light: usize, from: &scene::Light, picture: Option<Picture>) -> Option<Self> {
+        let world = &from.world_from_light;
+        let form = form(&from.kind, world)?;
+        let area = form.area();
+        if !(area > 0.0 && area.is_finite()) {
+            return None;
+        }
+        let radiance = usable(if from.normalize {
+            from.color / area
+        } else {
+            from.color
+        });
+        let axis = -world.matrix3.z_axis.normalize().as_vec3();
+        Some(Self {
+            form,
+            radiance,
+            picture,
+            shaping: from.shaping.as_ref().map(|s| Shaping::new(s, axis)),
+            light,
+            pick: 0.0,
+        })
+    }
+
+    /// Roughly its power, as luminance.
+    pub(super) fn power(&self) -> f32 {
+        let picture = self.picture.as_ref().map_or(Vec3::ONE, Picture::mean);
+        let left = self.shaping.as_ref().map_or(1.0, Shaping::left);
+        luminance(self.radiance * picture) * self.form.area() * PI * left
+    }
+
+    /// A direction from `p` and the radiance from there; the light is not chosen yet.
+    pub(super) fn sample(&self, p: Vec3, u: [f32; 2]) -> Option<(Sampled, Vec3)> {
+        let sampled = match &self.form {
+            Form::Planar(f) => f.sample(p, u),
+            Form::Ellipsoid(f) => f.sample(p, u),
+            Form::Tube(f) => f.sample(p, u),
+        }?;
+        let radiance = self.radiance(sampled.uv, sampled.wi);
+        Some((sampled, radiance))
+    }
+
+    /// The density with which [`sample`](Self::sample) finds `wi` from `p`.
+    pub(super) fn pdf(&self, p: Vec3, uv: Vec2, wi: Vec3) -> f32 {
+        match &self.form {
+            Form::Planar(f) => f.pdf(p, wi),
+            Form::Ellipsoid(f) => f.pdf(p, wi),
+            Form::Tube(f) => f.pdf(p, uv),
+        }
+    }
+
+    /// The radiance that comes from the front at `uv` to someone who looks along `wi`.
+    pub(super) fn radiance(&self, uv: Vec2, wi: Vec3) -> Vec3 {
+        let mut radiance = self.radiance;
+        if let Some(picture) = &self.picture {
+            // Seen from the front, X points left.
+            radiance *= picture.eval(Vec2::new(1.0 - uv.x, uv.y));
+        }
+        if let Some(shaping) = &self.shaping {
+            radiance *= shaping.factor(-wi);
+        }
+        radiance
+    }
+}
+
+impl Form {
+    fn area(&self) -> f32 {
+        match self {
+            Self::Planar(f) => f.area(),
+            Self::Ellipsoid(f) => f.area(),
+            Self::Tube(f) => f.area(),
+        }
+    }
+
+    fn bounds(&self) -> Bounds3 {
+        match self {
+            Self::Planar(f) => f.bounds(),
+            Self::Ellipsoid(f) => f.bounds(),
+            Self::Tube(f) => f.bounds(),
+        }
+    }
+}
+
+fn form(kind: &LightKind, world: &DAffine3) -> Option<Form> {
+    let real = |x: f32| (x > 0.0 && x.is_finite()).then_some(f64::from(x));
+    Some(match *kind {
+        LightKind::Rect { width, height } => {
+            let half = [0.5 * real(width)?, 0.5 * real(height)?];
+            Form::Planar(Planar::new(false, half, world))
+        }
+        LightKind::Disk { radius } => Form::Planar(Planar::new(true, [real(radius)?; 2], world)),
+        LightKind::Sphere { radius } => Form::Ellipsoid(Ellipsoid::new(real(radius)?, world)),
+        LightKind::Cylinder { radius, length } => {
+            Form::Tube(Tube::new(real(radius)?, real(length)?, world))
+        }
+        LightKind::Distant { .. } | LightKind::Dome => return None,
+    })
+}
+
+/// The area lights as a thing that rays can meet; primitive `p` is the `p`-th area light. Both sides of a flat
+/// light, and the inside of a round one, are met too: they are black.
+#[derive(Debug, Clone)]
+pub struct LightShapes {
+    pub(super) lights: Vec<AreaLight>,
+}
+
+impl Intersector for LightShapes {
+    fn primitives(&self) -> u32 {
+        self.lights.len() as u32
+    }
+
+    fn bounds(&self, p: u32, _key: u32) -> Bounds3 {
+        let b = self.lights[p as usize].form.bounds();
+        // Some ulps outward, of the position and of the extent that was added to it.
+        let pad = 1e-6 * (b.min.abs().max(b.max.abs())) + Vec3::splat(f32::MIN_POSITIVE);
+        Bounds3 {
+            min: b.min - pad,
+            max: b.max + pad,
+        }
+    }
+
+    fn intersect(&self, p: u32, ray: &Ray) -> Option<Hit> {
+        let met = match &self.lights[p as usize].form {
+            Form::Planar(f) => f.intersect(ray),
+            Form::Ellipsoid(f) => f.intersect(ray),
+            Form::Tube(f) => f.intersect(ray),
+        }?;
+        Some(Hit {
+            t: met.t,
+            face: p,
+            uv: met.uv,
+            normal: met.normal,
+            error: 1e-6 * ray.at(met.t).abs().max_element(),
+        })
+    }
+
+    fn memory(&self) -> usize {
+        self.lights.capacity() * size_of::<AreaLight>()
+    }
+}
