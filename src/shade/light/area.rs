@@ -179,12 +179,13 @@ impl Intersector for LightShapes {
             Form::Ellipsoid(f) => f.intersect(ray),
             Form::Tube(f) => f.intersect(ray),
         }?;
+        let reach = ray.origin.abs().max(ray.at(met.t).abs()).max_element();
         Some(Hit {
             t: met.t,
             face: p,
             uv: met.uv,
             normal: met.normal,
-            error: 1e-6 * ray.at(met.t).abs().max_element(),
+            error: 1e-6 * reach,
         })
     }
 

@@ -114,7 +114,10 @@ fn samples_hit_the_light_where_they_say_with_the_density_that_emitted_says() {
                     close(hit.t, s.distance, 2e-3);
                     let q = ray.at(hit.t);
                     let off = (q - q.clamp(bounds.min, bounds.max)).length();
-                    assert!(off <= 5e-6 * q.length(), "{kind:?} {off}");
+                    assert!(
+                        off <= 5e-7 * (p.length() + q.length()),
+                        "{kind:?} {off} of {q}"
+                    );
                     let (radiance, pdf) = all.emitted(0, p, &hit, s.wi);
                     assert_eq!(radiance, s.radiance);
                     // Edge-on, the density of area sampling has a pole, and rounding of the point moves it
@@ -506,4 +509,39 @@ fn a_point_on_a_light_does_not_meet_it() {
             }
         }
     }
+}
+
+#[test]
+fn two_skies_are_sampled_as_their_parts_say() {
+    let mut sun = light(LightKind::Distant { angle: 60.0 }, at(0.0, 0.0, 0.0));
+    sun.normalize = true;
+    let all = lights(&[light(LightKind::Dome, at(0.0, 0.0, 0.0)), sun]);
+    for u_pick in [0.1, 0.9] {
+        let s = all
+            .sample(Vec3::ZERO, u_pick, [0.4, 0.3])
+            .expect("a sample");
+        let part = all
+            .environment_parts(Vec3::ZERO, s.wi)
+            .find(|e| e.light == s.light);
+        let part = part.expect("the light that was sampled");
+        assert_eq!(part.radiance, s.radiance);
+        close(part.pdf, s.pdf, 1e-4);
+    }
+    let parts = all.environment_parts(Vec3::ZERO, Vec3::Z);
+    let sum = parts.fold(Vec3::ZERO, |sum, e| sum + e.radiance);
+    assert_eq!(all.environment(Vec3::ZERO, Vec3::Z).0, sum);
+}
+
+#[test]
+fn black_and_broken_lights_are_harmless() {
+    let mut black = light(LightKind::Dome, at(0.0, 0.0, 0.0));
+    black.color = Vec3::ZERO;
+    let mut flat = light(LightKind::Disk { radius: 1.0 }, at(0.0, 0.0, 0.0));
+    flat.world_from_light = DAffine3::from_scale(DVec3::new(1.0, 0.0, 1.0));
+    let sizeless = light(LightKind::Sphere { radius: f32::NAN }, at(0.0, 0.0, 0.0));
+    let (all, warnings) = Lights::new(&[black, flat, sizeless], &[], Bounds3::EMPTY);
+    assert_eq!((all.count(), warnings.iter().count()), (1, 2));
+    assert!(all.sample(Vec3::ZERO, 0.5, [0.5; 2]).is_none() && all.shapes().is_none());
+    assert_eq!(all.environment(Vec3::ZERO, Vec3::X), (Vec3::ZERO, 0.0));
+    assert!(all.memory() > 0 && Lights::new(&[], &[], Bounds3::EMPTY).0.is_empty());
 }
