@@ -164,8 +164,9 @@ impl Intersector for LightShapes {
 
     fn bounds(&self, p: u32, _key: u32) -> Bounds3 {
         let b = self.lights[p as usize].form.bounds();
-        // Some ulps outward, of the position and of the extent that was added to it.
-        let pad = 1e-6 * (b.min.abs().max(b.max.abs())) + Vec3::splat(f32::MIN_POSITIVE);
+        // Outward by some ulps of the position and of the size, which also keeps a flat light's box from being flat.
+        let size = b.min.abs().max(b.max.abs()).max_element();
+        let pad = Vec3::splat(2e-6 * size.max(b.extent().max_element()));
         Bounds3 {
             min: b.min - pad,
             max: b.max + pad,
@@ -178,12 +179,13 @@ impl Intersector for LightShapes {
             Form::Ellipsoid(f) => f.intersect(ray),
             Form::Tube(f) => f.intersect(ray),
         }?;
+        let reach = ray.origin.abs().max(ray.at(met.t).abs()).max_element();
         Some(Hit {
             t: met.t,
             face: p,
             uv: met.uv,
             normal: met.normal,
-            error: 1e-6 * ray.at(met.t).abs().max_element(),
+            error: 1e-6 * reach,
         })
     }
 

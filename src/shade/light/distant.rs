@@ -40,24 +40,29 @@ impl Distant {
     ) -> Self {
         let half = (0.5 * angle.max(0.0)).min(180.0).to_radians();
         let axis = world_from_light.matrix3.z_axis.normalize().as_vec3();
-        let cone = (half > 0.0).then(|| Cone {
+        let sin2 = half.sin().powi(2);
+        let projected = match half {
+            0.0 => 1.0,
+            _ if half <= FRAC_PI_2 => PI * sin2,
+            _ => PI * (2.0 - sin2),
+        };
+        let irradiance = if normalize { color } else { color * projected };
+        // A cone below a microradian is one direction: its density would leave the range of the numbers.
+        let cone = (half > 1e-6).then(|| Cone {
             half,
-            sin2: half.sin().powi(2),
+            sin2,
             versine: 2.0 * (0.5 * half).sin().powi(2),
         });
-        let projected = cone.map_or(1.0, |c| {
-            PI * if half <= FRAC_PI_2 {
-                c.sin2
-            } else {
-                2.0 - c.sin2
-            }
-        });
-        let radiance = if normalize { color / projected } else { color };
+        let radiance = match cone {
+            None => irradiance,
+            Some(_) if normalize => color / projected,
+            Some(_) => color,
+        };
         Self {
             frame: Frame::around(axis.normalize()),
             radiance,
             cone,
-            irradiance: radiance * projected,
+            irradiance,
         }
     }
 

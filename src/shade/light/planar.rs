@@ -118,7 +118,7 @@ impl Planar {
             Some(s) => (1.0 / s.solid_angle) as f32,
             None => self.area_pdf(height, wi),
         };
-        (pdf > 0.0 && pdf.is_finite()).then(|| Sampled {
+        (pdf > 0.0 && pdf.is_finite() && distance > 0.0).then(|| Sampled {
             wi,
             distance,
             pdf,

@@ -115,10 +115,12 @@ impl Ellipsoid {
         let down = u[0] * versine;
         let sine2 = down * (2.0 - down);
         let t = d * (1.0 - down) - (1.0 - d2 * sine2).max(0.0).sqrt();
-        Some(Sampled {
+        let pdf = stretch.powi(3) / (self.placed.det * 2.0 * PI * versine);
+        // An infinite density would read as a light without extent.
+        (pdf > 0.0 && pdf.is_finite()).then_some(Sampled {
             wi: stretched / stretch,
             distance: t.max(0.0) * stretch,
-            pdf: stretch.powi(3) / (self.placed.det * 2.0 * PI * versine),
+            pdf,
             uv: Vec2::ZERO,
         })
     }
