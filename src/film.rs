@@ -1,1 +1,230 @@
-//! To follow.
+//! Samples into pixels and planes.
+//!
+//! The film is a list of tiles, each rendered by one thread at a time and in the order of the samples, so the
+//! sums are the same to the bit whatever the number of threads.
+
+use crate::math::Vec3;
+
+/// What one path brings back.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PathSample {
+    /// Radiance along the camera ray.
+    pub radiance: Vec3,
+    /// 1 where the path met something, 0 where it left the scene.
+    pub alpha: f32,
+    /// Of the first surface: what it reflects of white light.
+    pub albedo: Vec3,
+    /// Of the first surface: unit shading normal in world space.
+    pub normal: Vec3,
+    /// Of the first surface: where it is; none if the ray left the scene.
+    pub first: Option<FirstHit>,
+}
+
+/// The first surface that a path met.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FirstHit {
+    /// Distance along the camera's axis, scene units.
+    pub depth: f32,
+    /// World space.
+    pub position: Vec3,
+    /// Face of the control mesh.
+    pub face: u32,
+    /// Number of the placement, from 1; 0 is nothing.
+    pub object: u32,
+}
+
+/// A pixel's sums.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Pixel {
+    radiance: [f64; 3],
+    alpha: f64,
+    albedo: [f64; 3],
+    normal: [f64; 3],
+    samples: u32,
+    nearest: Option<(f32, FirstHit)>,
+}
+
+impl Pixel {
+    /// Adds a sample that lies `offset` pixels from the pixel's centre. Samples that are not finite are refused.
+    pub fn add(&mut self, sample: &PathSample, offset: f32) -> Result<(), NotFinite> {
+        let good = sample.radiance.is_finite() && sample.alpha.is_finite();
+        self.samples += 1;
+        if !good {
+            return Err(NotFinite);
+        }
+        for axis in 0..3 {
+            self.radiance[axis] += f64::from(sample.radiance[axis]);
+            self.albedo[axis] += f64::from(sample.albedo[axis]);
+            self.normal[axis] += f64::from(sample.normal[axis]);
+        }
+        self.alpha += f64::from(sample.alpha);
+        // Depth, position and ids cannot be averaged: the sample nearest to the centre speaks for the pixel.
+        if let Some(first) = sample.first
+            && self.nearest.is_none_or(|(best, _)| offset < best)
+        {
+            self.nearest = Some((offset, first));
+        }
+        Ok(())
+    }
+
+    /// How many samples it has.
+    pub fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    fn mean(&self, sum: [f64; 3]) -> Vec3 {
+        let n = f64::from(self.samples.max(1));
+        Vec3::new(
+            (sum[0] / n) as f32,
+            (sum[1] / n) as f32,
+            (sum[2] / n) as f32,
+        )
+    }
+
+    /// Mean radiance.
+    pub fn radiance(&self) -> Vec3 {
+        self.mean(self.radiance)
+    }
+
+    /// Mean coverage, 0..1.
+    pub fn alpha(&self) -> f32 {
+        (self.alpha / f64::from(self.samples.max(1))) as f32
+    }
+
+    /// Mean albedo.
+    pub fn albedo(&self) -> Vec3 {
+        self.mean(self.albedo)
+    }
+
+    /// Mean normal, shorter than 1 where normals differ or the background shows.
+    pub fn normal(&self) -> Vec3 {
+        self.mean(self.normal)
+    }
+
+    /// The first hit of the sample nearest to the centre, among those that hit.
+    pub fn first(&self) -> Option<FirstHit> {
+        self.nearest.map(|(_, first)| first)
+    }
+}
+
+/// A sample was not a finite number and was left out; its pixel counts it as black.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NotFinite;
+
+/// A rectangle of pixels with their sums.
+#[derive(Debug, Clone)]
+pub struct Tile {
+    /// Left and top pixel.
+    pub origin: [u32; 2],
+    /// Width and height.
+    pub size: [u32; 2],
+    /// Row by row from the top.
+    pub pixels: Vec<Pixel>,
+}
+
+/// All pixels that are rendered: a rectangle of the whole picture.
+#[derive(Debug, Clone)]
+pub struct Film {
+    /// Left and top pixel of the rectangle.
+    pub origin: [u32; 2],
+    /// Its width and height.
+    pub size: [u32; 2],
+    /// Tiles in rows from the top.
+    pub tiles: Vec<Tile>,
+}
+
+/// Small enough to balance two threads and sixty-four, large enough to keep rays together.
+const TILE: u32 = 16;
+
+impl Film {
+    /// A black film.
+    pub fn new(origin: [u32; 2], size: [u32; 2]) -> Self {
+        let mut tiles = Vec::new();
+        for y in (0..size[1]).step_by(TILE as usize) {
+            for x in (0..size[0]).step_by(TILE as usize) {
+                let tile_size = [TILE.min(size[0] - x), TILE.min(size[1] - y)];
+                tiles.push(Tile {
+                    origin: [origin[0] + x, origin[1] + y],
+                    size: tile_size,
+                    pixels: vec![Pixel::default(); (tile_size[0] * tile_size[1]) as usize],
+                });
+            }
+        }
+        Self {
+            origin,
+            size,
+            tiles,
+        }
+    }
+
+    /// Calls `f` with each pixel, row by row from the top.
+    pub fn for_each(&self, mut f: impl FnMut(usize, &Pixel)) {
+        for tile in &self.tiles {
+            for (i, pixel) in tile.pixels.iter().enumerate() {
+                let x = tile.origin[0] - self.origin[0] + i as u32 % tile.size[0];
+                let y = tile.origin[1] - self.origin[1] + i as u32 / tile.size[0];
+                f(y as usize * self.size[0] as usize + x as usize, pixel);
+            }
+        }
+    }
+
+    /// Bytes that a film of this size holds.
+    pub fn bytes(size: [u32; 2]) -> usize {
+        size[0] as usize * size[1] as usize * size_of::<Pixel>()
+    }
+
+    /// The fewest samples that any pixel has.
+    pub fn samples(&self) -> u32 {
+        self.tiles
+            .iter()
+            .flat_map(|t| &t.pixels)
+            .map(Pixel::samples)
+            .min()
+            .unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_pixel_is_in_one_tile() {
+        let film = Film::new([3, 5], [37, 18]);
+        let mut seen = vec![0; 37 * 18];
+        film.for_each(|i, _| seen[i] += 1);
+        assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    #[test]
+    fn a_sample_that_is_not_finite_is_refused() {
+        let mut pixel = Pixel::default();
+        let bad = PathSample {
+            radiance: Vec3::splat(f32::NAN),
+            ..PathSample::default()
+        };
+        assert_eq!(pixel.add(&bad, 0.0), Err(NotFinite));
+        assert_eq!(pixel.radiance(), Vec3::ZERO);
+    }
+
+    #[test]
+    fn the_nearest_sample_names_the_object() {
+        let mut pixel = Pixel::default();
+        for (offset, object) in [(0.4, 1), (0.1, 2), (0.3, 3)] {
+            let first = Some(FirstHit {
+                object,
+                ..FirstHit::default()
+            });
+            pixel
+                .add(
+                    &PathSample {
+                        first,
+                        ..PathSample::default()
+                    },
+                    offset,
+                )
+                .expect("finite");
+        }
+        assert_eq!(pixel.first().map(|f| f.object), Some(2));
+    }
+}

@@ -1,1 +1,231 @@
-//! To follow.
+//! The radiance along a ray: a path tracer with next-event estimation and multiple importance sampling
+//! (Veach 1997, ch. 9, power heuristic). Knows no pixels.
+
+use crate::film::{FirstHit, PathSample};
+use crate::math::{Ray, Vec3};
+use crate::shade::bsdf::Bsdf;
+use crate::shade::sampler::Sampler;
+use crate::stats::Rays;
+use crate::world::{Interaction, Met, World};
+
+/// How far paths go.
+#[derive(Debug, Clone, Copy)]
+pub struct PathOptions {
+    /// The most scatterings of a path; 0 shows only what emits.
+    pub max_bounces: u32,
+    /// Scatterings after which Russian roulette may end a path; at least `max_bounces` for none.
+    pub roulette_after: u32,
+}
+
+impl Default for PathOptions {
+    fn default() -> Self {
+        Self {
+            max_bounces: 8,
+            roulette_after: 3,
+        }
+    }
+}
+
+/// Surfaces that a path may pass straight through because they are transparent there, before it is ended.
+const MAX_PASSED: u32 = 256;
+
+/// The radiance that arrives along `ray`, and what the ray met first. `depth_of` measures a point's depth.
+///
+/// Dimensions of the sampler: set 0 is the caller's; each scattering takes two sets, each surface that is
+/// partly transparent one from the far end.
+pub fn path(
+    world: &World,
+    options: &PathOptions,
+    mut ray: Ray,
+    sampler: &Sampler,
+    depth_of: &dyn Fn(Vec3) -> f32,
+    rays: &mut Rays,
+) -> PathSample {
+    let mut out = PathSample::default();
+    let mut throughput = Vec3::ONE;
+    let mut scattered = 0;
+    let mut passed = 0;
+    // How the last scattering chose this direction; none for the camera, whose rays see lights in full.
+    let mut last: Option<Scattering> = None;
+    rays.camera += 1;
+    loop {
+        // Meet the next thing, or leave the scene.
+        let met = world.meet(&ray);
+        let interaction = match met {
+            Met::Nothing => {
+                let from = last.map_or(ray.origin, |s| s.position);
+                for seen in world.lights.environment_parts(from, ray.direction) {
+                    let share = share(last, world, seen.light);
+                    out.radiance += throughput * seen.radiance * share * weight(last, seen.pdf);
+                }
+                return out;
+            }
+            Met::Light { area, hit } => {
+                let from = last.map_or(ray.origin, |s| s.position);
+                let (radiance, pdf) = world.lights.emitted(area, from, &hit, ray.direction);
+                let share = share(last, world, world.lights.light_of(area));
+                out.radiance += throughput * radiance * share * weight(last, pdf);
+                if scattered == 0 {
+                    out.alpha = 1.0;
+                    if out.first.is_none() {
+                        let position = ray.at(hit.t);
+                        out.first = Some(FirstHit {
+                            depth: depth_of(position),
+                            position,
+                            face: 0,
+                            object: 0,
+                        });
+                    }
+                }
+                return out;
+            }
+            Met::Surface(interaction) => interaction,
+        };
+
+        // Pass through where the surface is transparent.
+        if interaction.opacity < 1.0 {
+            let [u, ..] = sampler.set(PASS_SETS + passed);
+            if u >= interaction.opacity {
+                passed += 1;
+                if passed > MAX_PASSED {
+                    return out;
+                }
+                ray.t_min = interaction.beyond(&ray);
+                continue;
+            }
+        }
+
+        let wo = -ray.direction;
+        let bsdf = interaction.bsdf();
+        if out.first.is_none() {
+            out.alpha = 1.0;
+            out.albedo = bsdf.albedo(wo);
+            out.normal = interaction.shading_normal;
+            out.first = Some(FirstHit {
+                depth: depth_of(interaction.position),
+                position: interaction.position,
+                face: interaction.face,
+                object: interaction.object + 1,
+            });
+        }
+        out.radiance += throughput * interaction.emission;
+        if scattered == options.max_bounces {
+            return out;
+        }
+
+        // Light that comes straight from a light.
+        let lights = sampler.set(1 + 2 * scattered);
+        out.radiance += throughput * direct(world, &interaction, &bsdf, wo, ray.time, lights, rays);
+
+        // Light that comes any other way.
+        let [u0, u1, u2, roulette] = sampler.set(2 + 2 * scattered);
+        let Some(sample) = bsdf.sample(wo, [u0, u1, u2]) else {
+            return out;
+        };
+        let specular = if world.lights_are_split {
+            specular_share(&bsdf, wo, sample.wi)
+        } else {
+            0.0
+        };
+        throughput *= sample.value / sample.pdf;
+        scattered += 1;
+        if scattered > options.roulette_after {
+            let survival = throughput.max_element().min(0.95);
+            if roulette >= survival {
+                return out;
+            }
+            throughput /= survival;
+        }
+        if throughput == Vec3::ZERO || !throughput.is_finite() {
+            return out;
+        }
+        rays.scattered += 1;
+        let origin = interaction.leave(sample.wi);
+        last = Some(Scattering {
+            pdf: sample.pdf,
+            position: interaction.position,
+            specular,
+        });
+        ray = Ray::new(origin, sample.wi, ray.time);
+    }
+}
+
+/// Dimension sets for transparency lie beyond those of any path that people ask for.
+const PASS_SETS: u32 = 4096;
+
+#[derive(Debug, Clone, Copy)]
+struct Scattering {
+    pdf: f32,
+    position: Vec3,
+    /// Which part of the scattering was specular, 0..1; only computed where some light tells them apart.
+    specular: f32,
+}
+
+/// What a light gives to a scattering that found it: UsdLux's `diffuse` and `specular` multipliers.
+fn share(last: Option<Scattering>, world: &World, light: usize) -> f32 {
+    let Some(last) = last.filter(|_| world.lights_are_split) else {
+        return 1.0;
+    };
+    let [diffuse, specular] = world.lights.multipliers(light);
+    diffuse + (specular - diffuse) * last.specular
+}
+
+fn specular_share(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> f32 {
+    let [diffuse, specular] = bsdf.eval_split(wo, wi).map(Vec3::element_sum);
+    if diffuse + specular > 0.0 {
+        specular / (diffuse + specular)
+    } else {
+        0.0
+    }
+}
+
+/// Weight of light that a scattering found, where sampling the lights would have found it with density `pdf`.
+fn weight(last: Option<Scattering>, pdf: f32) -> f32 {
+    last.map_or(1.0, |scattering| power_heuristic(scattering.pdf, pdf))
+}
+
+fn power_heuristic(this: f32, other: f32) -> f32 {
+    // In the form that survives infinite and very large densities.
+    if this.is_infinite() {
+        return 1.0;
+    }
+    let ratio = other / this;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+fn direct(
+    world: &World,
+    interaction: &Interaction,
+    bsdf: &Bsdf,
+    wo: Vec3,
+    time: f32,
+    [pick, u, v, _]: [f32; 4],
+    rays: &mut Rays,
+) -> Vec3 {
+    let Some(light) = world.lights.sample(interaction.position, pick, [u, v]) else {
+        return Vec3::ZERO;
+    };
+    let value = bsdf.eval_all(wo, light.wi);
+    let reflected = if world.lights_are_split {
+        let [diffuse, specular] = world.lights.multipliers(light.light);
+        diffuse * value.diffuse + specular * value.specular
+    } else {
+        value.total()
+    };
+    if reflected == Vec3::ZERO {
+        return Vec3::ZERO;
+    }
+    let contribution = if light.pdf.is_infinite() {
+        reflected * light.radiance
+    } else {
+        reflected * light.radiance * (power_heuristic(light.pdf, value.pdf) / light.pdf)
+    };
+    if contribution == Vec3::ZERO {
+        return Vec3::ZERO;
+    }
+    rays.shadow += 1;
+    let origin = interaction.leave(light.wi);
+    let mut ray = Ray::new(origin, light.wi, time);
+    ray.t_max = light.distance * (1.0 - 1e-4);
+    contribution * world.transmittance(&ray)
+}

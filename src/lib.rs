@@ -20,5 +20,6 @@ pub mod shade;
 pub mod stats;
 pub mod subdiv;
 pub mod trace;
+pub mod world;
 
 pub use error::{Error, Result};

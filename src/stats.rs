@@ -1,1 +1,161 @@
-//! To follow.
+//! What a render cost: seconds by stage, rays, bytes. Written as JSON by `--stats`.
+
+use std::path::Path;
+use std::time::Instant;
+
+use serde::Serialize;
+
+use crate::error::{Error, Result, Warning};
+
+/// Everything that `--stats` writes.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Stats {
+    /// Program and libraries: relievo, Embree, OpenImageIO.
+    pub versions: Versions,
+    /// The scene's root file.
+    pub scene: String,
+    /// SHA-256 over the scene's files in the order in which they were read.
+    pub scene_hash: String,
+    /// Wall-clock seconds of each stage, in order.
+    pub stages: Vec<Stage>,
+    /// Pixels that were rendered.
+    pub resolution: [u32; 2],
+    /// Samples in each pixel; fewer if the render was interrupted.
+    pub samples_per_pixel: u32,
+    /// Threads that rendered.
+    pub threads: usize,
+    /// Counts of rays.
+    pub rays: Rays,
+    /// Million rays a second of wall-clock time in the stage `render`.
+    pub mrays_per_second: f64,
+    /// Bytes by owner after building.
+    pub bytes: Bytes,
+    /// Counts of what the scene holds.
+    pub scene_counts: SceneCounts,
+    /// Samples that were not finite and were left out of the picture.
+    pub non_finite_samples: u64,
+    /// What was noticed and not honoured.
+    pub warnings: Vec<Warning>,
+}
+
+/// Versions of the program and the libraries that it was built against.
+#[derive(Debug, Clone, Serialize)]
+pub struct Versions {
+    /// This program.
+    pub relievo: &'static str,
+    /// Embree.
+    pub embree: &'static str,
+    /// OpenImageIO.
+    pub openimageio: &'static str,
+}
+
+impl Default for Versions {
+    fn default() -> Self {
+        Self {
+            relievo: env!("CARGO_PKG_VERSION"),
+            embree: env!("RELIEVO_EMBREE"),
+            openimageio: env!("RELIEVO_OIIO"),
+        }
+    }
+}
+
+/// A stage's name and wall-clock time.
+#[derive(Debug, Clone, Serialize)]
+pub struct Stage {
+    /// `load`, `build`, `render`, `write`.
+    pub name: &'static str,
+    /// Wall-clock seconds.
+    pub seconds: f64,
+}
+
+/// Rays by kind.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Rays {
+    /// From the camera.
+    pub camera: u64,
+    /// From a surface on along the path.
+    pub scattered: u64,
+    /// To lights.
+    pub shadow: u64,
+}
+
+impl Rays {
+    /// All of them.
+    pub fn total(&self) -> u64 {
+        self.camera + self.scattered + self.shadow
+    }
+
+    /// Adds what another thread counted.
+    pub fn add(&mut self, other: Self) {
+        self.camera += other.camera;
+        self.scattered += other.scattered;
+        self.shadow += other.shadow;
+    }
+}
+
+/// Bytes by owner.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Bytes {
+    /// Control meshes with their primvars.
+    pub control_meshes: usize,
+    /// Embree's trees and geometry, now.
+    pub embree: usize,
+    /// Embree's highest use while building.
+    pub embree_peak: usize,
+    /// Textures.
+    pub textures: usize,
+    /// The picture while it is rendered.
+    pub film: usize,
+}
+
+/// Counts of what the scene holds.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct SceneCounts {
+    /// Distinct meshes.
+    pub shapes: usize,
+    /// Places in which they stand.
+    pub placements: usize,
+    /// Faces of all distinct control meshes.
+    pub faces: usize,
+    /// Lights.
+    pub lights: usize,
+    /// Materials.
+    pub materials: usize,
+    /// Textures.
+    pub textures: usize,
+}
+
+impl Stats {
+    /// Runs a stage and notes how long it took.
+    pub fn time<T>(&mut self, name: &'static str, stage: impl FnOnce(&mut Self) -> T) -> T {
+        let start = Instant::now();
+        let result = stage(self);
+        self.stages.push(Stage {
+            name,
+            seconds: start.elapsed().as_secs_f64(),
+        });
+        result
+    }
+
+    /// Seconds of the stage of this name so far.
+    pub fn seconds(&self, name: &str) -> f64 {
+        self.stages
+            .iter()
+            .filter(|s| s.name == name)
+            .map(|s| s.seconds)
+            .sum()
+    }
+
+    /// Writes all as JSON.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = serde_json::to_string_pretty(self)
+            .map_err(|e| Error::failed(format!("statistics: {e}")))?;
+        crate::image::write_whole(path, |temporary| {
+            std::fs::write(temporary, text + "\n")
+                .map_err(|e| Error::failed(format!("{}: {e}", path.display())))
+        })
+    }
+}

@@ -16,6 +16,7 @@ pub use picture::{Attribute, Channel, ChannelFormat, Compression, Part, Picture}
 pub use png::write_png;
 pub use source::{ColorSpace, ImageSource, Wrap};
 pub use temporary::check_destination;
+pub(crate) use temporary::write_whole;
 pub use texture::Texture;
 
 /// The sRGB curve (IEC 61966-2-1): encoded to linear light.

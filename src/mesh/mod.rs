@@ -100,6 +100,13 @@ impl ControlMesh {
         Bounds3::of(self.points.iter().flatten().copied())
     }
 
+    /// The points that faces use, at all motion keys: unused ones must not spoil a picture's framing.
+    pub fn used_points(&self) -> impl Iterator<Item = Vec3> + '_ {
+        self.points
+            .iter()
+            .flat_map(|key| self.face_vertex_indices.iter().map(|&v| key[v as usize]))
+    }
+
     /// The faces as ranges of `face_vertex_indices`.
     pub fn faces(&self) -> impl Iterator<Item = std::ops::Range<usize>> + '_ {
         self.face_vertex_counts.iter().scan(0, |start, &count| {

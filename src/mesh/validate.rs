@@ -135,7 +135,7 @@ impl ControlMesh {
 
     fn validate_primvar(&self, primvar: &Primvar) -> Result<(), Fault> {
         let name = &primvar.name;
-        if primvar.width == 0 || primvar.values.len() % primvar.width as usize != 0 {
+        if primvar.width == 0 || !primvar.values.len().is_multiple_of(primvar.width as usize) {
             return Err(Fault::new(format!(
                 "primvar {name}: {} numbers are not a whole count of elements of {}",
                 primvar.values.len(),
@@ -203,22 +203,24 @@ mod tests {
         assert_eq!(quad().validate(), Ok(()));
     }
 
+    type Spoil = fn(&mut ControlMesh);
+
     #[test]
     fn each_fault_says_what_it_found() {
-        let faults: [(&str, fn(&mut ControlMesh)); 7] = [
+        let faults: [(&str, Spoil); 7] = [
             ("no points", |m| m.points.clear()),
             ("index 7, but there are 4 points", |m| {
-                m.face_vertex_indices[2] = 7
+                m.face_vertex_indices[2] = 7;
             }),
             ("add up to 4, but there are 3", |m| {
-                m.face_vertex_indices.truncate(3)
+                m.face_vertex_indices.truncate(3);
             }),
             ("2 corners are too few", |m| m.face_vertex_counts[0] = 2),
             ("not a usable number", |m| m.points[0][1].y = f32::NAN),
             ("Loop subdivision of a face with 4 corners", |m| {
-                m.scheme = Scheme::Loop
+                m.scheme = Scheme::Loop;
             }),
-            ("names face 1", |m| m.holes.push(1)),
+            ("name face 1", |m| m.holes.push(1)),
         ];
         for (message, spoil) in faults {
             let mut mesh = quad();

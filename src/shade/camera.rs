@@ -229,6 +229,25 @@ impl Camera {
         (size.x / self.resolution[0] as f32).max(size.y / self.resolution[1] as f32)
     }
 
+    /// Where it is at the frame itself, world space.
+    pub fn position(&self) -> Vec3 {
+        self.world_from_camera(self.frame_time)
+            .translation
+            .as_vec3()
+    }
+
+    /// Pixels that a scene unit at `p` covers at most, looked at squarely. Finite and above 0.
+    pub fn pixels_per_unit(&self, p: Vec3) -> f32 {
+        let from_camera = self.camera_from_world(self.frame_time);
+        let p = from_camera.transform_point3(p.as_dvec3());
+        let distance = match self.projection {
+            Projection::Perspective => (p.length() as f32).max(self.near).max(1e-6),
+            Projection::Orthographic => 1.0,
+        };
+        let camera_units = from_camera.matrix3.determinant().abs().cbrt() as f32;
+        (camera_units / (self.pixel_footprint() * distance)).clamp(f32::MIN_POSITIVE, 1e18)
+    }
+
     /// How it projects.
     pub fn projection(&self) -> Projection {
         self.projection

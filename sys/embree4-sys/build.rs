@@ -26,15 +26,29 @@ fn main() {
     let probe = out.join("probe.c");
     std::fs::write(
         &probe,
-        "#include \"embree4.h\"\nembree_native_is EMBREE4_SYS_NATIVE\n",
+        "#include \"embree4.h\"\nembree_native_is EMBREE4_SYS_NATIVE\nembree_version_is RTC_VERSION_STRING\n",
     )
     .expect("OUT_DIR is writable");
     let mut cc = cc::Build::new();
     cc.include("c").includes(&include);
     let expanded =
         String::from_utf8(cc.clone().file(&probe).expand()).expect("the preprocessor writes UTF-8");
-    let native = expanded.split("embree_native_is").nth(1).map(str::trim);
-    let v3 = match native {
+    let word_after = |name: &str| {
+        // The preprocessor may put line markers (`# 4 "probe.c"`) between the words.
+        let after = expanded.split(name).nth(1)?;
+        let line = after
+            .lines()
+            .map(str::trim)
+            .find(|l| !l.is_empty() && !l.starts_with('#'))?;
+        Some(line.trim_matches('"').to_owned())
+    };
+    let native = word_after("embree_native_is");
+    // DEP_EMBREE_VERSION for dependents.
+    println!(
+        "cargo::metadata=version={}",
+        word_after("embree_version_is").expect("the headers define RTC_VERSION_STRING")
+    );
+    let v3 = match native.as_deref() {
         Some("4") => false,
         Some("3") => true,
         other => panic!("cannot tell the Embree version: {other:?}"),

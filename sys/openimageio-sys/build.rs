@@ -16,6 +16,9 @@ fn main() {
             )
         });
 
+    // DEP_RELIEVO_OPENIMAGEIO_VERSION for dependents.
+    println!("cargo:version={}", library.version);
+
     // The border before the library: static archives are resolved from left to right. `cc` adds stdc++.
     cc::Build::new()
         .cpp(true)

@@ -56,7 +56,7 @@ fn faults_name_the_line() {
 #[test]
 fn the_shared_shapes_load() {
     let Some(shared) = std::env::var_os("RELIEVO_SHARED") else {
-        eprintln!("skipped: RELIEVO_SHARED is not set");
+        println!("SKIPPED: RELIEVO_SHARED is not set");
         return;
     };
     let mut count = 0;

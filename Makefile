@@ -1,0 +1,49 @@
+# The project's two commands are `make demo` and `make test`; on a fresh machine each does its own set-up.
+
+# The openusd crate declares Rust 1.96 and builds on 1.95: see "Toolchain" in README.md.
+CARGO_FLAGS := --ignore-rust-version --locked
+PACKAGES    := libembree-dev libopenimageio-dev libclang-dev g++ pkg-config
+RELIEVO     := target/release/relievo
+OUT         := out
+
+.PHONY: demo test bench fuzz leaks deps build lint clean
+
+demo: build
+	mkdir -p $(OUT)
+	$(RELIEVO) render scenes/first-light/first-light.usda -o $(OUT)/first-light.exr --png $(OUT)/first-light.png \
+	  --stats $(OUT)/first-light.json
+	@echo "The picture is $(OUT)/first-light.exr, and for looking $(OUT)/first-light.png"
+
+build: deps
+	cargo build --release $(CARGO_FLAGS)
+
+test: deps
+	cargo test --release --workspace $(CARGO_FLAGS)
+
+lint: deps
+	cargo fmt --all --check
+	cargo clippy --workspace --all-targets $(CARGO_FLAGS) -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items $(CARGO_FLAGS)
+
+bench: build
+	cargo bench $(CARGO_FLAGS)
+
+# Needs a nightly compiler and `cargo install cargo-fuzz`. SECONDS_EACH=300 runs each target for five minutes.
+SECONDS_EACH ?= 300
+fuzz: deps
+	cd fuzz && for target in obj scene; do \
+	  cargo +nightly fuzz run $$target -- -max_total_time=$(SECONDS_EACH) -rss_limit_mb=4096 || exit 1; done
+
+# Needs valgrind: definite losses in a whole render are an error.
+leaks: build
+	mkdir -p $(OUT)
+	valgrind --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite --error-exitcode=1 \
+	  $(RELIEVO) render scenes/furnace/furnace.usda -o $(OUT)/leaks.exr --res 8 8 --spp 1 -t 1 --quiet
+
+# Looks for what is missing, and installs it with apt-get where there is one.
+deps:
+	@sh tools/deps.sh $(PACKAGES)
+
+clean:
+	cargo clean
+	rm -rf $(OUT)

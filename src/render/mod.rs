@@ -1,0 +1,397 @@
+//! From a scene file to a picture: the stages in their order.
+
+mod framing;
+mod output;
+mod progress;
+
+pub use output::{AOVS, Aov, Output, PixelType};
+pub use progress::{Progress, ProgressStyle};
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+
+use crate::error::{Error, Fault, Result};
+use crate::film::{Film, Tile};
+use crate::integrate::{PathOptions, path};
+use crate::math::Vec2;
+use crate::scene::{self, AspectRatioConform, Description, LoadOptions};
+use crate::shade::camera::{Camera, CameraOptions};
+use crate::shade::filter::Filter;
+use crate::shade::sampler::Sampler;
+use crate::stats::{Bytes, Rays, SceneCounts, Stats};
+use crate::trace::{Device, DeviceOptions};
+use crate::world::{BuildOptions, World};
+
+/// Everything that a render can be told. `None` leaves it to the scene, then to the default.
+#[derive(Debug, Clone)]
+pub struct RenderOptions {
+    /// The scene file.
+    pub scene: PathBuf,
+    /// What is written.
+    pub output: Output,
+    /// Path or last name of the camera.
+    pub camera: Option<String>,
+    /// Pixels.
+    pub resolution: Option<[u32; 2]>,
+    /// Multiplies the resolution.
+    pub scale: f32,
+    /// Samples in each pixel, 1..=65536.
+    pub spp: u32,
+    /// How far paths go.
+    pub path: PathOptions,
+    /// How pixels are made of samples.
+    pub filter: Filter,
+    /// Chooses the random numbers.
+    pub seed: u32,
+    /// Threads; 0 takes all.
+    pub threads: usize,
+    /// Bytes that Embree and the film may take.
+    pub memory_budget: Option<usize>,
+    /// How the scene is read.
+    pub load: LoadOptions,
+    /// Whether the lens may blur.
+    pub depth_of_field: bool,
+    /// How the world is built.
+    pub build: BuildOptions,
+}
+
+/// The picture's size where neither the user nor the scene says one.
+const DEFAULT_RESOLUTION: [u32; 2] = [960, 540];
+
+/// The largest side of a picture: EXR files of more pixels exist, but not from renderers.
+const MAX_RESOLUTION: u32 = 65_536;
+
+/// Renders a scene and writes what [`Output`] asks for.
+///
+/// Setting `interrupt` ends the render at the next tile: what is there by then is written, and the result is
+/// [`Error::Interrupted`].
+///
+/// # Errors
+/// As the stages: bad input, a memory budget that does not suffice, output that cannot be written.
+pub fn render(
+    options: &RenderOptions,
+    progress: &Progress,
+    interrupt: &AtomicBool,
+) -> Result<Stats> {
+    let mut stats = Stats {
+        scene: options.scene.display().to_string(),
+        ..Stats::default()
+    };
+    options.output.check()?;
+
+    // Load.
+    progress.stage("load", 1);
+    let description = stats.time("load", |_| scene::load(&options.scene, &options.load))?;
+    stats.scene_hash = hash(&description)?;
+    let (camera_source, framed) = framing::camera(&description, options.camera.as_deref())?;
+    if framed {
+        tracing::info!("the scene has no camera: it is framed whole");
+    }
+    let resolution = resolution(&description, options)?;
+    let settings = &description.settings;
+    let camera = Camera::new(
+        &camera_source,
+        CameraOptions {
+            resolution,
+            conform: if framed {
+                AspectRatioConform::ExpandAperture
+            } else {
+                settings.conform
+            },
+            pixel_aspect: settings.pixel_aspect_ratio.unwrap_or(1.0),
+            depth_of_field: options.depth_of_field
+                && !settings.disable_depth_of_field.unwrap_or(false),
+        },
+    )?;
+    interrupted(interrupt)?;
+
+    // Build.
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads)
+        .build()
+        .map_err(|e| Error::failed(format!("cannot start {} threads: {e}", options.threads)))?;
+    let film_bytes = Film::bytes(resolution);
+    let for_embree = options
+        .memory_budget
+        .map(|budget| budget.saturating_sub(film_bytes));
+    if for_embree == Some(0) {
+        return Err(Error::Memory {
+            message: format!("the film alone takes {film_bytes} bytes"),
+            help: Some("raise --memory-budget or lower --res".into()),
+        });
+    }
+    let device = Device::new(&DeviceOptions {
+        threads: pool.current_num_threads(),
+        memory_budget: for_embree,
+        ..DeviceOptions::default()
+    })?;
+    progress.stage("build", 1000);
+    let built = stats.time("build", |_| {
+        pool.install(|| {
+            World::build(&description, &camera, &device, &options.build, &|done| {
+                progress.at((1000.0 * done) as u64);
+                !interrupt.load(Ordering::Relaxed)
+            })
+        })
+    })?;
+    let world = built.world;
+    stats.bytes = Bytes {
+        control_meshes: description.shapes.iter().map(|s| s.mesh.memory()).sum(),
+        embree: device.memory(),
+        embree_peak: device.peak_memory(),
+        textures: built.texture_bytes,
+        film: film_bytes,
+    };
+    stats.scene_counts = counts(&description);
+    let mut warnings = description.warnings.clone();
+    warnings.extend(built.warnings);
+    for warning in warnings.iter() {
+        let times = if warning.count > 1 {
+            format!(" ({} times)", warning.count)
+        } else {
+            String::new()
+        };
+        progress.above_bar(|| tracing::warn!("{}{times}", warning.message));
+    }
+    stats.warnings = warnings.iter().cloned().collect();
+
+    // Render: whole passes over the picture, so that what an interruption leaves is a whole picture.
+    let (origin, size) = window(settings.data_window, resolution);
+    let mut film = Film::new(origin, size);
+    let job = Job {
+        world: &world,
+        camera: &camera,
+        options,
+        exposure: camera.exposure(),
+    };
+    let counters = Counters::default();
+    progress.stage("render", u64::from(options.spp) * film.tiles.len() as u64);
+    stats.time("render", |_| {
+        pool.install(|| {
+            for pass in passes(options.spp) {
+                film.tiles.par_iter_mut().for_each(|tile| {
+                    if !interrupt.load(Ordering::Relaxed) {
+                        job.tile(tile, pass.clone(), &counters);
+                        progress.by(u64::from(pass.end - pass.start));
+                    }
+                });
+            }
+        });
+    });
+    if let Some(message) = world.take_panic() {
+        return Err(Error::failed(format!(
+            "a callback failed while rays were traced: {message}"
+        )));
+    }
+
+    // Write.
+    stats.resolution = size;
+    stats.samples_per_pixel = film.samples();
+    stats.threads = pool.current_num_threads();
+    stats.rays = counters.rays();
+    stats.non_finite_samples = counters.non_finite.load(Ordering::Relaxed);
+    stats.mrays_per_second = stats.rays.total() as f64 / 1e6 / stats.seconds("render").max(1e-9);
+    progress.stage("write", 1);
+    let record = output::Record {
+        stats: &stats,
+        camera: &camera,
+        resolution,
+        options,
+    };
+    let start = std::time::Instant::now();
+    let written = options.output.write(&film, &record);
+    stats.stages.push(crate::stats::Stage {
+        name: "write",
+        seconds: start.elapsed().as_secs_f64(),
+    });
+    progress.finish();
+    written?;
+    if let Some(path) = &options.output.stats {
+        stats.write(path)?;
+    }
+    interrupted(interrupt)?;
+    Ok(stats)
+}
+
+fn interrupted(interrupt: &AtomicBool) -> Result<()> {
+    if interrupt.load(Ordering::Relaxed) {
+        Err(Error::Interrupted)
+    } else {
+        Ok(())
+    }
+}
+
+/// Pass by pass 1, 1, 2, 4, … up to 16 samples: something to see at once, and few visits to each tile.
+fn passes(spp: u32) -> impl Iterator<Item = std::ops::Range<u32>> {
+    let mut start = 0;
+    std::iter::from_fn(move || {
+        (start < spp).then(|| {
+            let end = spp.min(start + start.clamp(1, 16));
+            let pass = start..end;
+            start = end;
+            pass
+        })
+    })
+}
+
+struct Job<'a> {
+    world: &'a World,
+    camera: &'a Camera,
+    options: &'a RenderOptions,
+    /// Radiance is multiplied by this.
+    exposure: f32,
+}
+
+#[derive(Default)]
+struct Counters {
+    camera: AtomicU64,
+    scattered: AtomicU64,
+    shadow: AtomicU64,
+    non_finite: AtomicU64,
+}
+
+impl Counters {
+    fn add(&self, rays: Rays, non_finite: u64) {
+        self.camera.fetch_add(rays.camera, Ordering::Relaxed);
+        self.scattered.fetch_add(rays.scattered, Ordering::Relaxed);
+        self.shadow.fetch_add(rays.shadow, Ordering::Relaxed);
+        self.non_finite.fetch_add(non_finite, Ordering::Relaxed);
+    }
+
+    fn rays(&self) -> Rays {
+        Rays {
+            camera: self.camera.load(Ordering::Relaxed),
+            scattered: self.scattered.load(Ordering::Relaxed),
+            shadow: self.shadow.load(Ordering::Relaxed),
+        }
+    }
+}
+
+impl Job<'_> {
+    fn tile(&self, tile: &mut Tile, samples: std::ops::Range<u32>, counters: &Counters) {
+        let mut rays = Rays::default();
+        let mut non_finite = 0;
+        for (i, pixel) in tile.pixels.iter_mut().enumerate() {
+            let at = [
+                tile.origin[0] + i as u32 % tile.size[0],
+                tile.origin[1] + i as u32 / tile.size[0],
+            ];
+            for sample in samples.clone() {
+                let sampler = Sampler::new(at, sample, self.options.seed);
+                let [film_u, film_v, lens_u, lens_v] = sampler.set(0);
+                let [time, ..] = sampler.set(TIME_SET);
+                let offset = self.options.filter.sample([film_u, film_v]);
+                let film = Vec2::new(at[0] as f32 + 0.5, at[1] as f32 + 0.5) + offset;
+                let ray = self.camera.ray(film, [lens_u, lens_v], time);
+                let depth = |p| self.camera.depth(p, time);
+                let mut found = path(
+                    self.world,
+                    &self.options.path,
+                    ray,
+                    &sampler,
+                    &depth,
+                    &mut rays,
+                );
+                found.radiance *= self.exposure;
+                non_finite += u64::from(pixel.add(&found, offset.length()).is_err());
+            }
+        }
+        counters.add(rays, non_finite);
+    }
+}
+
+/// The shutter's dimension set lies beyond those of the path.
+const TIME_SET: u32 = 8192;
+
+fn counts(description: &Description) -> SceneCounts {
+    SceneCounts {
+        shapes: description.shapes.len(),
+        placements: description.placements.len(),
+        faces: description.shapes.iter().map(|s| s.mesh.face_count()).sum(),
+        lights: description.lights.len(),
+        materials: description.materials.len(),
+        textures: description.textures.len(),
+    }
+}
+
+fn resolution(description: &Description, options: &RenderOptions) -> Result<[u32; 2]> {
+    let asked = options
+        .resolution
+        .or(description.settings.resolution)
+        .unwrap_or(DEFAULT_RESOLUTION);
+    let scaled = asked.map(|n| {
+        if n == 0 {
+            0
+        } else {
+            ((n as f32 * options.scale).round() as u32).max(1)
+        }
+    });
+    if scaled.iter().any(|&n| n == 0 || n > MAX_RESOLUTION) {
+        let message = format!(
+            "a picture of {} x {} pixels cannot be rendered",
+            scaled[0], scaled[1]
+        );
+        let help = format!("each side must have 1 to {MAX_RESOLUTION} pixels: --res 1920 1080");
+        return Err(if options.resolution.is_some() {
+            Error::usage(message, help)
+        } else {
+            Fault::new(message)
+                .in_file(&options.scene)
+                .advise(help)
+                .into()
+        });
+    }
+    Ok(scaled)
+}
+
+/// The part of the picture that the settings' data window asks for, in pixels: origin and size.
+fn window(data_window: Option<[f32; 4]>, [width, height]: [u32; 2]) -> ([u32; 2], [u32; 2]) {
+    let Some([x0, y0, x1, y1]) = data_window else {
+        return ([0, 0], [width, height]);
+    };
+    let pixel = |f: f32, n: u32| (f.clamp(0.0, 1.0) * n as f32).round() as u32;
+    // The window's y points up, the picture's rows run down.
+    let (left, right) = (pixel(x0, width), pixel(x1, width));
+    let (top, bottom) = (pixel(1.0 - y1, height), pixel(1.0 - y0, height));
+    if left >= right || top >= bottom {
+        return ([0, 0], [width, height]);
+    }
+    ([left, top], [right - left, bottom - top])
+}
+
+fn hash(description: &Description) -> Result<String> {
+    let mut hash = Sha256::new();
+    for file in &description.files {
+        // A file inside a package has no bytes of its own on the disk: the package is in the list too.
+        if let Ok(mut file) = std::fs::File::open(file) {
+            std::io::copy(&mut file, &mut hash)
+                .map_err(|e| Error::failed(format!("reading again for the hash: {e}")))?;
+        }
+    }
+    Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn passes_cover_all_samples_once() {
+        for spp in [1, 2, 5, 64, 100] {
+            let all: Vec<u32> = passes(spp).flatten().collect();
+            assert_eq!(all, (0..spp).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn the_data_window_counts_from_below() {
+        assert_eq!(
+            window(Some([0.0, 0.5, 0.5, 1.0]), [100, 50]),
+            ([0, 0], [50, 25])
+        );
+        assert_eq!(window(None, [100, 50]), ([0, 0], [100, 50]));
+    }
+}

@@ -1,0 +1,559 @@
+//! From a description to a world: Embree's geometries, materials and lights.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::dicing::{self, Dicing};
+use super::shape::{Polygons, Shape, Surface};
+use super::{Entry, Placed, World};
+use crate::error::{Error, Result, Warnings};
+use crate::image::Texture;
+use crate::math::{Affine3A, Bounds3, Vec3, Vec4};
+use crate::mesh::{ControlMesh, CreaseMethod, Scheme, TriangleRule, triangulate};
+use crate::scene::{self, Description};
+use crate::shade::camera::Camera;
+use crate::shade::light::{Lights, Radiance};
+use crate::shade::material::Material;
+use crate::shade::texture_map::{Lookup, Primvars};
+use crate::subdiv::schemes::loop_scheme;
+use crate::trace::{
+    Device, Displacement, DisplacementPoint, Geometry, Rates, Scene, SceneBuilder, SceneOptions,
+    SubdivisionOptions,
+};
+
+/// How to build.
+#[derive(Debug, Clone, Default)]
+pub struct BuildOptions {
+    /// Dicing of subdivision surfaces.
+    pub dicing: Dicing,
+    /// Everything Lambert with this albedo; displacement stays.
+    pub clay: Option<f32>,
+    /// Textures that cannot be read become this colour instead of an error.
+    pub missing_textures: Option<Vec4>,
+    /// Radiance of the dome that lights a scene without lights.
+    pub default_dome: f32,
+}
+
+/// A world and what it was built of.
+pub struct Built {
+    /// Ready for rays.
+    pub world: World,
+    /// Bytes of textures.
+    pub texture_bytes: usize,
+    /// What was noticed.
+    pub warnings: Warnings,
+}
+
+impl World {
+    /// Builds everything that rays need. `go_on` is told how far the build is, 0..1, and may end it by `false`.
+    ///
+    /// # Errors
+    /// Textures that cannot be read, meshes that Embree cannot hold, a memory budget that does not suffice,
+    /// an end by `go_on`.
+    pub fn build(
+        description: &Description,
+        camera: &Camera,
+        device: &Device,
+        options: &BuildOptions,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Built> {
+        let mut warnings = Warnings::default();
+        let textures = load_textures(description, options, &mut warnings)?;
+        let texture_bytes = textures.iter().map(|t| t.memory()).sum();
+        let (materials, unbound) = materials(description, &textures, options);
+
+        // Where each shape stands, and whether it can be built in world space right away.
+        let mut places: Vec<Vec<u32>> = vec![Vec::new(); description.shapes.len()];
+        for (i, placement) in description.placements.iter().enumerate() {
+            places[placement.shape].push(i as u32);
+        }
+
+        let scene_options = SceneOptions {
+            robust: true,
+            compact: false,
+        };
+        let mut builder = SceneBuilder::new(device, scene_options)?;
+        let mut entries: BTreeMap<u32, Entry> = BTreeMap::new();
+        let mut shapes = Vec::with_capacity(description.shapes.len());
+        let mut placed: Vec<Option<Placed>> =
+            (0..description.placements.len()).map(|_| None).collect();
+        let mut bounds = Bounds3::EMPTY;
+        for (number, (shape, places)) in description.shapes.iter().zip(&places).enumerate() {
+            go_on_or_stop(go_on, 0.5 * number as f64 / description.shapes.len() as f64)?;
+            let keys = |place: u32| -> Vec<Affine3A> {
+                description.placements[place as usize]
+                    .world_from_object
+                    .iter()
+                    .map(single)
+                    .collect()
+            };
+            for &place in places {
+                for key in keys(place) {
+                    bounds = bounds.union(shape.mesh.bounds().transformed(&key));
+                }
+            }
+            let needs = needed_primvars(shape, places, description, &materials, unbound);
+            let displaced = displacement_of(shape, places, description, &materials);
+            let in_world = (places.len() == 1 && displaced.is_none())
+                .then(|| keys(places[0]))
+                .filter(|keys| keys.len() == 1)
+                .map(|keys| keys[0]);
+            let mesh = in_world.map_or_else(
+                || shape.mesh.clone(),
+                |m| Arc::new(in_space(&shape.mesh, &m)),
+            );
+            let stands: Vec<Affine3A> = match in_world {
+                Some(_) => vec![Affine3A::IDENTITY],
+                None => places.iter().flat_map(|&p| keys(p)).collect(),
+            };
+            let displaced = displaced.map(|m| &materials[m]);
+            let (geometry, surface) = geometry(
+                device,
+                &mesh,
+                &needs,
+                displaced,
+                &stands,
+                camera,
+                options,
+                &shape.path,
+                &mut warnings,
+            )
+            .map_err(|e| name_shape(e, description, shape))?;
+            shapes.push(Shape::new(
+                surface,
+                &shape.materials,
+                shape.mesh.face_count(),
+                unbound as u32,
+            ));
+
+            let place_of = |place: u32, keys: Vec<Affine3A>| {
+                let placement = &description.placements[place as usize];
+                Placed {
+                    shape: number as u32,
+                    object_from_world: keys[0].inverse(),
+                    world_from_object: keys,
+                    material: placement
+                        .material
+                        .map(|m| m as u32)
+                        .filter(|_| options.clay.is_none()),
+                    display_color: placement.display_color.map(Into::into),
+                }
+            };
+            if in_world.is_some() {
+                let id = builder.attach(geometry);
+                entries.insert(id, Entry::Placed(places[0]));
+                placed[places[0] as usize] = Some(place_of(places[0], vec![Affine3A::IDENTITY]));
+            } else if !places.is_empty() {
+                let mut own = SceneBuilder::new(device, scene_options)?;
+                own.attach(geometry);
+                let own =
+                    Arc::new(own.commit(&|_| {
+                        go_on(0.5 * number as f64 / description.shapes.len() as f64)
+                    })?);
+                for &place in places {
+                    let id = builder.instance(own.clone(), &keys(place))?;
+                    entries.insert(id, Entry::Placed(place));
+                    placed[place as usize] = Some(place_of(place, keys(place)));
+                }
+            }
+        }
+
+        let lights = lights(description, &textures, bounds, options, &mut warnings);
+        if let Some(area) = lights.shapes() {
+            let id = builder.attach(Geometry::user(device, area)?);
+            entries.insert(id, Entry::Lights);
+        }
+        let scene: Scene = builder.commit(&|done| go_on(0.5 + 0.5 * done))?;
+        let last = entries.keys().next_back().map_or(0, |&id| id as usize + 1);
+        let mut by_number = vec![Entry::Lights; last];
+        for (id, entry) in entries {
+            by_number[id as usize] = entry;
+        }
+        let transparent = materials.iter().any(Material::may_be_transparent);
+        let world = Self {
+            scene,
+            entries: by_number,
+            shapes,
+            placed: placed
+                .into_iter()
+                .map(|p| p.expect("every placement names a shape"))
+                .collect(),
+            materials,
+            lights_are_split: (0..description.lights.len().max(1))
+                .any(|i| lights.multipliers(i) != [1.0, 1.0]),
+            lights,
+            transparent,
+        };
+        Ok(Built {
+            world,
+            texture_bytes,
+            warnings,
+        })
+    }
+}
+
+fn go_on_or_stop(go_on: &(dyn Fn(f64) -> bool + Sync), done: f64) -> Result<()> {
+    if go_on(done) {
+        Ok(())
+    } else {
+        Err(Error::Interrupted)
+    }
+}
+
+fn name_shape(error: Error, description: &Description, shape: &scene::Shape) -> Error {
+    match error {
+        Error::Input(fault) => {
+            let fault = fault.at_prim(&shape.path);
+            match description.files.first() {
+                Some(file) => fault.in_file(file).into(),
+                None => fault.into(),
+            }
+        }
+        other => other,
+    }
+}
+
+fn load_textures(
+    description: &Description,
+    options: &BuildOptions,
+    warnings: &mut Warnings,
+) -> Result<Vec<Arc<Texture>>> {
+    // Clay asks only for displacement; the others are not worth their time.
+    let loaded: Vec<_> = description
+        .textures
+        .par_iter()
+        .enumerate()
+        .map(|(i, source)| {
+            if options.clay.is_some() && !serves_clay(description, i) {
+                return Ok(Texture::constant(Vec4::ONE));
+            }
+            Texture::load(
+                &source.image,
+                [source.wrap_s, source.wrap_t],
+                source.color_space,
+            )
+        })
+        .collect();
+    loaded
+        .into_iter()
+        .zip(&description.textures)
+        .map(
+            |(texture, source)| match (texture, options.missing_textures) {
+                (Ok(texture), _) => Ok(Arc::new(texture)),
+                (Err(fault), Some(colour)) => {
+                    warnings.add(format!("missing texture {fault}"), || {
+                        format!("{}: {fault}", source.prim)
+                    });
+                    Ok(Arc::new(Texture::constant(colour)))
+                }
+                (Err(fault), None) => {
+                    let fault = fault.at_prim(&source.prim);
+                    let fault = if fault.help.is_some() {
+                        fault
+                    } else {
+                        fault.advise("repair the path, or render with --missing-textures magenta")
+                    };
+                    Err(fault.into())
+                }
+            },
+        )
+        .collect()
+}
+
+fn serves_clay(description: &Description, texture: usize) -> bool {
+    description.lights.iter().any(|l| l.texture.as_ref().is_some_and(|t| t.texture == texture))
+        || description.materials.iter().any(|m| {
+            matches!(&m.surface.displacement, scene::Input::Texture(map) if map.texture == texture)
+        })
+}
+
+/// All materials, and the number of the one for faces without any.
+fn materials(
+    description: &Description,
+    textures: &[Arc<Texture>],
+    options: &BuildOptions,
+) -> (Vec<Material>, usize) {
+    let lookups: Vec<_> = textures
+        .iter()
+        .map(|t| t.clone() as Arc<dyn Lookup>)
+        .collect();
+    let mut materials: Vec<Material> = description
+        .materials
+        .iter()
+        .map(|m| {
+            let material = Material::new(m, &lookups);
+            match options.clay {
+                Some(albedo) => Material::clay(Vec3::splat(albedo), Some(&material)),
+                None => material,
+            }
+        })
+        .collect();
+    let unbound = materials.len();
+    materials.push(options.clay.map_or_else(Material::display_color, |albedo| {
+        Material::clay(Vec3::splat(albedo), None)
+    }));
+    (materials, unbound)
+}
+
+/// The materials that may cover a shape, in any of its places.
+fn covering<'a>(
+    shape: &'a scene::Shape,
+    places: &'a [u32],
+    description: &'a Description,
+) -> impl Iterator<Item = Option<usize>> + 'a {
+    std::iter::once(shape.materials.whole)
+        .chain(shape.materials.subsets.iter().map(|s| s.material))
+        .chain(
+            places
+                .iter()
+                .filter_map(|&p| description.placements[p as usize].material.map(Some)),
+        )
+}
+
+fn needed_primvars(
+    shape: &scene::Shape,
+    places: &[u32],
+    description: &Description,
+    materials: &[Material],
+    unbound: usize,
+) -> Vec<String> {
+    let mut needs: Vec<String> = covering(shape, places, description)
+        .flat_map(|m| materials[m.unwrap_or(unbound)].needs())
+        .filter(|name| shape.mesh.primvar(name).is_some())
+        .map(str::to_owned)
+        .collect();
+    needs.sort();
+    needs.dedup();
+    needs
+}
+
+/// The displacing material that covers all of a shape.
+fn displacement_of(
+    shape: &scene::Shape,
+    places: &[u32],
+    description: &Description,
+    materials: &[Material],
+) -> Option<usize> {
+    let by_place = places
+        .iter()
+        .filter_map(|&p| description.placements[p as usize].material);
+    shape
+        .materials
+        .whole
+        .into_iter()
+        .chain(by_place)
+        .find(|&m| materials[m].is_displaced())
+}
+
+fn in_space(mesh: &ControlMesh, world_from_object: &Affine3A) -> ControlMesh {
+    let mut mesh = mesh.clone();
+    for point in mesh.points.iter_mut().flatten() {
+        *point = world_from_object.transform_point3(*point);
+    }
+    let object_from_world = world_from_object.inverse();
+    if let Some(normals) = &mut mesh.normals {
+        for n in normals.values.chunks_exact_mut(3) {
+            let v = glam::Vec3A::from_slice(n);
+            n.copy_from_slice(&(object_from_world.matrix3.transpose() * v).to_array());
+        }
+    }
+    // A mirror image turns the faces round.
+    if world_from_object.matrix3.determinant() < 0.0 {
+        mesh.left_handed = !mesh.left_handed;
+    }
+    mesh
+}
+
+#[expect(
+    clippy::too_many_arguments,
+    reason = "one call; a struct of these would have no other use"
+)]
+fn geometry(
+    device: &Device,
+    mesh: &Arc<ControlMesh>,
+    needs: &[String],
+    displaced: Option<&Material>,
+    places: &[Affine3A],
+    camera: &Camera,
+    options: &BuildOptions,
+    path: &str,
+    warnings: &mut Warnings,
+) -> Result<(Geometry, Surface)> {
+    let warn_flat = |warnings: &mut Warnings| {
+        if displaced.is_some() {
+            warnings.add(format!("displacement of {:?}", mesh.scheme), || {
+                format!(
+                    "{path}: displacement needs a Catmull-Clark or bilinear mesh; it is left out"
+                )
+            });
+        }
+    };
+    match mesh.scheme {
+        Scheme::CatmullClark | Scheme::Bilinear => {
+            if mesh.crease_method == CreaseMethod::Chaikin && !mesh.creases.is_empty() {
+                warnings.add("crease method chaikin", || {
+                    format!("{path}: Embree knows no Chaikin creasing; sharpness decays uniformly")
+                });
+            }
+            if mesh.triangle_rule == TriangleRule::Smooth && mesh.face_vertex_counts.contains(&3) {
+                warnings.add("triangle rule smooth", || {
+                    format!("{path}: Embree knows no smooth-triangle rule; triangles are refined like any face")
+                });
+            }
+            let width = |name: &str| mesh.primvar(name).map_or(0, |p| p.width as usize);
+            let subdivision = SubdivisionOptions {
+                rates: Rates::PerCorner(dicing::rates(mesh, places, camera, &options.dicing)),
+                displacement: displaced.map(|material| displacement(material.clone(), mesh, needs)),
+                primvars: needs.to_vec(),
+            };
+            let geometry = Geometry::subdivision(device, mesh.clone(), subdivision)?;
+            let primvars = needs.iter().map(|n| (n.clone(), width(n))).collect();
+            Ok((
+                geometry,
+                Surface::Subdivision {
+                    primvars,
+                    displaced: displaced.is_some(),
+                },
+            ))
+        }
+        Scheme::Loop => {
+            warnings.add("Loop by refinement", || {
+                format!("{path}: Embree knows no Loop subdivision; the mesh is refined to triangles on the limit surface")
+            });
+            warn_flat(warnings);
+            let refined = loop_scheme::refine_levels(
+                mesh,
+                loop_levels(mesh, places, camera, &options.dicing),
+            );
+            polygons(
+                device,
+                &Arc::new(loop_scheme::limit(&refined.mesh)),
+                Some(&refined.parent_face),
+            )
+        }
+        Scheme::None => {
+            warn_flat(warnings);
+            polygons(device, mesh, None)
+        }
+    }
+}
+
+fn polygons(
+    device: &Device,
+    mesh: &Arc<ControlMesh>,
+    parent_face: Option<&[u32]>,
+) -> Result<(Geometry, Surface)> {
+    let triangles = triangulate(mesh);
+    let index = |corner: u32| mesh.face_vertex_indices[corner as usize];
+    let indices = triangles.corners.iter().map(|t| t.map(index)).collect();
+    let geometry = Geometry::triangles(device, indices, Arc::new(mesh.points.clone()))?;
+    let surface = Surface::Polygons(Polygons::new(
+        mesh.clone(),
+        triangles.corners,
+        triangles.faces,
+        parent_face,
+    ));
+    Ok((geometry, surface))
+}
+
+/// Levels after which the longest edge is no longer than the dicing rate; each makes four triangles of one.
+fn loop_levels(mesh: &ControlMesh, places: &[Affine3A], camera: &Camera, dicing: &Dicing) -> u32 {
+    const MOST_TRIANGLES: f64 = 4e6;
+    let longest = dicing::rates(mesh, places, camera, dicing)
+        .into_iter()
+        .fold(1.0, f32::max);
+    let affordable = (MOST_TRIANGLES / mesh.face_count().max(1) as f64)
+        .log(4.0)
+        .max(1.0);
+    (longest.log2().ceil() as u32)
+        .clamp(2, 7)
+        .min(affordable as u32)
+}
+
+/// The material's displacement along the normal.
+fn displacement(material: Material, mesh: &ControlMesh, needs: &[String]) -> Displacement {
+    let widths = needs
+        .iter()
+        .map(|n| (n.clone(), mesh.primvar(n).map_or(0, |p| p.width as usize)))
+        .collect();
+    let carried = Carried { widths };
+    Arc::new(move |point| {
+        let height = material.displacement(&At {
+            point,
+            carried: &carried,
+        });
+        height * point.normal
+    })
+}
+
+/// Primvars that a displaced surface carries, by slot.
+struct Carried {
+    widths: Vec<(String, usize)>,
+}
+
+struct At<'a> {
+    point: &'a DisplacementPoint<'a>,
+    carried: &'a Carried,
+}
+
+impl Primvars for At<'_> {
+    fn get(&self, name: &str, out: &mut [f32]) -> bool {
+        let slot = self
+            .carried
+            .widths
+            .iter()
+            .position(|(n, width)| n == name && *width >= out.len());
+        slot.inspect(|&slot| self.point.primvar(slot, out))
+            .is_some()
+    }
+}
+
+fn lights(
+    description: &Description,
+    textures: &[Arc<Texture>],
+    bounds: Bounds3,
+    options: &BuildOptions,
+    warnings: &mut Warnings,
+) -> Lights {
+    if description.lights.is_empty() {
+        warnings.add("no light", || {
+            "the scene has no light: a white dome lights it; author a light to replace it"
+                .to_owned()
+        });
+        return Lights::default_dome(Vec3::splat(options.default_dome));
+    }
+    let textures: Vec<_> = textures
+        .iter()
+        .map(|t| Some(t.clone() as Arc<dyn Radiance>))
+        .collect();
+    let (lights, noticed) = Lights::new(&description.lights, &textures, bounds);
+    warnings.extend(noticed);
+    lights
+}
+
+/// Transforms are composed in double precision and used in single.
+fn single(m: &crate::math::DAffine3) -> Affine3A {
+    Affine3A::from_mat3_translation(m.matrix3.as_mat3(), m.translation.as_vec3())
+}
+
+impl Lookup for Texture {
+    fn eval(&self, st: crate::math::Vec2) -> Vec4 {
+        Self::eval(self, st)
+    }
+}
+
+impl Radiance for Texture {
+    fn eval(&self, st: crate::math::Vec2) -> Vec4 {
+        Self::eval(self, st)
+    }
+
+    fn size(&self) -> [u32; 2] {
+        Self::size(self)
+    }
+
+    fn texel(&self, x: u32, y: u32) -> Vec4 {
+        Self::texel(self, x, y)
+    }
+}

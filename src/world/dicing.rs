@@ -1,0 +1,124 @@
+//! How finely Embree dices an edge: by its length on the screen, the same from both of its faces.
+
+use crate::math::{Affine3A, Bounds3, Vec3};
+use crate::mesh::ControlMesh;
+use crate::shade::camera::Camera;
+
+/// What the dicing rates aim at.
+#[derive(Debug, Clone, Copy)]
+pub struct Dicing {
+    /// Length of a micro-edge in pixels, above 0. Seen from the camera, also for what lies outside the picture.
+    pub rate: f32,
+    /// The most segments an edge is cut into.
+    pub max_segments: u32,
+}
+
+impl Default for Dicing {
+    fn default() -> Self {
+        Self {
+            rate: 1.0,
+            max_segments: 128,
+        }
+    }
+}
+
+/// Segments for each half-edge of `mesh` (for the edge from a corner to the face's next one), enough for each of
+/// the places in which the mesh stands.
+pub(super) fn rates(
+    mesh: &ControlMesh,
+    places: &[Affine3A],
+    camera: &Camera,
+    dicing: &Dicing,
+) -> Vec<f32> {
+    let points = &mesh.points[0];
+    let bounds = Bounds3::of(points.iter().copied());
+    // Many instances: only the nearest decide, and there are never many nearest ones.
+    let mut places: Vec<(f32, &Affine3A)> = places
+        .iter()
+        .map(|p| {
+            (
+                camera.pixels_per_unit(nearest(&bounds.transformed(p), camera)),
+                p,
+            )
+        })
+        .collect();
+    places.sort_by(|a, b| b.0.total_cmp(&a.0));
+    places.truncate(MOST_PLACES);
+
+    let mut rates = vec![1.0; mesh.face_vertex_indices.len()];
+    for range in mesh.faces() {
+        let corners = &mesh.face_vertex_indices[range.clone()];
+        for (i, &a) in corners.iter().enumerate() {
+            let b = corners[(i + 1) % corners.len()];
+            // The same arithmetic from either side of the edge: ends in the order of their numbers.
+            let (a, b) = (points[a.min(b) as usize], points[a.max(b) as usize]);
+            let pixels = places
+                .iter()
+                .map(|(_, place)| {
+                    let (a, b) = (place.transform_point3(a), place.transform_point3(b));
+                    let end = |p| camera.pixels_per_unit(p);
+                    a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
+                })
+                .fold(0.0, f32::max);
+            let segments = (pixels / dicing.rate).ceil();
+            rates[range.start + i] = segments.clamp(1.0, dicing.max_segments as f32);
+        }
+    }
+    rates
+}
+
+/// Places of one mesh that are looked at one by one.
+const MOST_PLACES: usize = 16;
+
+fn nearest(bounds: &Bounds3, camera: &Camera) -> Vec3 {
+    camera.position().clamp(bounds.min, bounds.max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::DAffine3;
+    use crate::scene::{self, Projection};
+    use crate::shade::camera::CameraOptions;
+
+    #[test]
+    fn both_sides_of_an_edge_agree() {
+        let mesh = ControlMesh {
+            face_vertex_counts: vec![4, 4],
+            face_vertex_indices: vec![0, 1, 2, 3, 2, 1, 4, 5],
+            points: vec![vec![
+                Vec3::ZERO,
+                Vec3::X,
+                Vec3::new(1.0, 1.0, 0.3),
+                Vec3::Y,
+                Vec3::new(2.0, 0.0, 1.0),
+                Vec3::new(2.0, 1.0, 1.0),
+            ]],
+            ..ControlMesh::default()
+        };
+        let camera = scene::Camera {
+            path: "/cam".into(),
+            world_from_camera: vec![DAffine3::from_translation(glam::dvec3(0.0, 0.0, 5.0))],
+            projection: Projection::Perspective,
+            focal_length: 50.0,
+            aperture: glam::vec2(20.0, 20.0),
+            aperture_offset: glam::Vec2::ZERO,
+            clipping_range: glam::vec2(0.1, 1e6),
+            f_stop: 0.0,
+            focus_distance: 0.0,
+            shutter: [0.0; 2],
+            exposure: 0.0,
+        };
+        let options = CameraOptions {
+            resolution: [400, 400],
+            conform: scene::AspectRatioConform::ExpandAperture,
+            pixel_aspect: 1.0,
+            depth_of_field: false,
+        };
+        let camera = Camera::new(&camera, options).expect("a camera");
+        let rates = rates(&mesh, &[Affine3A::IDENTITY], &camera, &Dicing::default());
+        assert_eq!(rates[1].to_bits(), rates[4].to_bits());
+        // 400 pixels across 2 units at distance 5.
+        assert!((rates[0] - 200.0_f32.min(128.0)).abs() <= 1.0, "{rates:?}");
+    }
+}

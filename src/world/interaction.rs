@@ -1,0 +1,245 @@
+//! A point of a surface as the path tracer sees it.
+
+use super::{World, at_time};
+use crate::math::{Affine3A, Frame, Ray, Vec2, Vec3};
+use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
+use crate::shade::texture_map::Primvars;
+use crate::trace::SceneHit;
+
+use super::shape::{Shape, Surface};
+
+/// Where a path met a surface. Normals are unit vectors on the side that the ray came from.
+#[derive(Debug, Clone)]
+pub struct Interaction {
+    /// World space; on the limit surface where that lies in front of the traced geometry.
+    pub position: Vec3,
+    /// Of the surface that light sees: the limit surface's normal, or the polygon's.
+    pub geometric_normal: Vec3,
+    /// With interpolated normals and normal maps.
+    pub shading_normal: Vec3,
+    /// Face of the control mesh.
+    pub face: u32,
+    /// Number of the placement, from 0.
+    pub object: u32,
+    /// 0..1.
+    pub opacity: f32,
+    /// Radiance that the surface itself emits.
+    pub emission: Vec3,
+    t: f32,
+    error: f32,
+    params: SurfaceParams,
+}
+
+impl Interaction {
+    /// How the surface scatters light.
+    pub fn bsdf(&self) -> Bsdf {
+        Bsdf::new(
+            &self.params,
+            Frame::around(self.shading_normal),
+            self.geometric_normal,
+        )
+    }
+
+    /// Where a ray towards `direction` starts, clear of the surface.
+    pub fn leave(&self, direction: Vec3) -> Vec3 {
+        let side = if direction.dot(self.geometric_normal) < 0.0 {
+            -1.0
+        } else {
+            1.0
+        };
+        self.position + side * self.error * self.geometric_normal
+    }
+
+    /// From where on the same ray goes on behind this point.
+    pub fn beyond(&self, ray: &Ray) -> f32 {
+        let slant = ray
+            .direction
+            .dot(self.geometric_normal)
+            .abs()
+            .max(0.05 * ray.direction.length());
+        self.t + 2.0 * self.error / slant
+    }
+}
+
+/// Rounding of Embree's triangle test and of our transforms stays below this many times the largest coordinate.
+const RELATIVE_ERROR: f32 = 8e-6;
+
+impl World {
+    pub(super) fn interaction(&self, number: u32, ray: &Ray, hit: &SceneHit) -> Interaction {
+        let placed = &self.placed[number as usize];
+        let shape = &self.shapes[placed.shape as usize];
+        let moving = placed.world_from_object.len() > 1;
+        let world_from_object = at_time(&placed.world_from_object, ray.time);
+        let object_from_world = if moving {
+            world_from_object.inverse()
+        } else {
+            placed.object_from_world
+        };
+        let normal_to_world =
+            |n: Vec3| normal_transformed(&object_from_world, n).normalize_or_zero();
+
+        // Geometry: where, and which way it faces.
+        let geometry = match hit.instance {
+            Some(instance) => self.scene.instanced(instance).map_or_else(
+                || self.scene.geometry(hit.geometry),
+                |scene| scene.geometry(hit.geometry),
+            ),
+            None => self.scene.geometry(hit.geometry),
+        };
+        let facet = normal_to_world(hit.normal);
+        let towards = if facet.dot(ray.direction) <= 0.0 {
+            1.0
+        } else {
+            -1.0
+        };
+        let on_facet = ray.at(hit.t);
+        let point = shape.point(geometry, hit.primitive, hit.uv, ray.time);
+        let error = RELATIVE_ERROR
+            * on_facet
+                .abs()
+                .max_element()
+                .max(ray.origin.abs().max_element())
+                .max(1e-6);
+        let mut position = on_facet;
+        let mut geometric_normal = facet;
+        if let Some(limit) = point.limit {
+            let normal = normal_to_world(limit.normal);
+            // A degenerate tangent plane, as at some poles, leaves the facet's normal.
+            if normal != Vec3::ZERO {
+                geometric_normal = if normal.dot(facet) < 0.0 {
+                    -normal
+                } else {
+                    normal
+                };
+            }
+            // Facets cut the corners of a convex surface: rays that leave from the facet would be shadowed by
+            // their neighbours. The limit point lies in front of them there.
+            let gap = world_from_object.transform_point3(limit.position) - on_facet;
+            let ahead = towards * gap.dot(geometric_normal);
+            if ahead > 0.0 && ahead < gap.length() * 1.5 + error {
+                position = on_facet + towards * ahead * geometric_normal;
+            }
+        }
+        let mut shading_normal = point.shading_normal.map_or(geometric_normal, |n| {
+            let n = normal_to_world(n);
+            if n == Vec3::ZERO {
+                geometric_normal
+            } else if n.dot(facet) < 0.0 {
+                -n
+            } else {
+                n
+            }
+        });
+        geometric_normal *= towards;
+        shading_normal *= towards;
+
+        // Appearance.
+        let material = placed
+            .material
+            .unwrap_or_else(|| shape.material(point.face));
+        let primvars = Lookup {
+            shape,
+            primitive: hit.primitive,
+            uv: hit.uv,
+            geometry,
+            placed_color: placed.display_color,
+        };
+        let resolved = self.materials[material as usize].resolve(&primvars);
+        if let Some(map) = resolved.normal {
+            shading_normal = shape
+                .tangents(geometry, hit.primitive, hit.uv, ray.time)
+                .map_or(shading_normal, |tangents| {
+                    bumped(
+                        shading_normal,
+                        geometric_normal,
+                        map,
+                        &world_from_object,
+                        tangents,
+                        towards,
+                    )
+                });
+        }
+        shading_normal = bent_towards(shading_normal, -ray.direction);
+        Interaction {
+            position,
+            geometric_normal,
+            shading_normal,
+            face: point.face,
+            object: number,
+            opacity: resolved.opacity,
+            emission: resolved.emission,
+            t: hit.t,
+            error,
+            params: resolved.params,
+        }
+    }
+}
+
+/// Normals transform by the inverse transpose.
+fn normal_transformed(object_from_world: &Affine3A, normal: Vec3) -> Vec3 {
+    Vec3::from(object_from_world.matrix3.transpose() * glam::Vec3A::from(normal))
+}
+
+/// Tilts `normal` by a tangent-space normal map whose x runs along the texture's s.
+fn bumped(
+    normal: Vec3,
+    geometric: Vec3,
+    map: Vec3,
+    world_from_object: &Affine3A,
+    [along_s, along_t]: [Vec3; 2],
+    towards: f32,
+) -> Vec3 {
+    let tangent = world_from_object.transform_vector3(along_s);
+    let tangent = (tangent - tangent.dot(normal) * normal).normalize_or_zero();
+    if tangent == Vec3::ZERO {
+        return normal;
+    }
+    let bitangent = normal.cross(tangent);
+    let handed = bitangent
+        .dot(world_from_object.transform_vector3(along_t))
+        .signum();
+    // Seen from behind, the map's bumps are dents.
+    let tilted = (towards * map.x * tangent
+        + towards * map.y * handed * bitangent
+        + map.z.max(1e-3) * normal)
+        .normalize();
+    // Never beyond the horizon of the surface itself.
+    if tilted.dot(geometric) > 1e-3 {
+        tilted
+    } else {
+        normal
+    }
+}
+
+struct Lookup<'a> {
+    shape: &'a Shape,
+    primitive: u32,
+    uv: Vec2,
+    geometry: &'a crate::trace::Geometry,
+    placed_color: Option<[f32; 3]>,
+}
+
+impl Primvars for Lookup<'_> {
+    fn get(&self, name: &str, out: &mut [f32]) -> bool {
+        if name == "displayColor"
+            && let Some(color) = self.placed_color
+            && out.len() == 3
+        {
+            out.copy_from_slice(&color);
+            return true;
+        }
+        match &self.shape.surface {
+            Surface::Subdivision { primvars, .. } => {
+                let Some(slot) = primvars
+                    .iter()
+                    .position(|(n, width)| n == name && *width >= out.len())
+                else {
+                    return false;
+                };
+                self.geometry.primvar(slot, self.primitive, self.uv, out);
+                true
+            }
+            Surface::Polygons(polygons) => polygons.primvar(name, self.primitive, self.uv, out),
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! The built scene: what a ray meets, and what that point looks like.
+
+mod build;
+mod dicing;
+mod interaction;
+mod shape;
+
+pub use build::{BuildOptions, Built};
+pub use dicing::Dicing;
+pub use interaction::Interaction;
+
+use crate::accel::Hit;
+use crate::math::{Affine3A, Ray};
+use crate::shade::light::Lights;
+use crate::shade::material::Material;
+use crate::trace;
+use shape::Shape;
+
+/// A scene, ready for rays. Shared by all render threads.
+pub struct World {
+    scene: trace::Scene,
+    /// By the scene's geometry number.
+    entries: Vec<Entry>,
+    shapes: Vec<Shape>,
+    placed: Vec<Placed>,
+    materials: Vec<Material>,
+    /// All lights.
+    pub lights: Lights,
+    /// Whether any material lets light through.
+    transparent: bool,
+    /// Whether any light treats diffuse and specular reflection differently.
+    pub lights_are_split: bool,
+}
+
+/// What a geometry of the scene is.
+#[derive(Debug, Clone, Copy)]
+enum Entry {
+    /// The area lights.
+    Lights,
+    /// A placement, by number.
+    Placed(u32),
+}
+
+/// A shape in the world.
+struct Placed {
+    shape: u32,
+    /// At each motion key; one identity where the shape was built in world space.
+    world_from_object: Vec<Affine3A>,
+    /// Inverse of the first key, used where nothing moves.
+    object_from_world: Affine3A,
+    material: Option<u32>,
+    display_color: Option<[f32; 3]>,
+}
+
+/// What a ray met.
+pub enum Met {
+    /// Nothing.
+    Nothing,
+    /// An area light: its number among them and where.
+    Light {
+        /// Primitive of the lights' shapes.
+        area: u32,
+        /// Where on it.
+        hit: Hit,
+    },
+    /// A surface.
+    Surface(Interaction),
+}
+
+impl World {
+    /// The nearest thing along the ray.
+    pub fn meet(&self, ray: &Ray) -> Met {
+        let Some(hit) = self.scene.intersect(ray) else {
+            return Met::Nothing;
+        };
+        match self.entries[hit.instance.unwrap_or(hit.geometry) as usize] {
+            Entry::Lights => Met::Light {
+                area: hit.primitive,
+                hit: Hit {
+                    t: hit.t,
+                    face: hit.primitive,
+                    uv: hit.uv,
+                    normal: hit.normal,
+                    error: 0.0,
+                },
+            },
+            Entry::Placed(number) => Met::Surface(self.interaction(number, ray, &hit)),
+        }
+    }
+
+    /// What part of the light passes along the ray: 0 or 1, or between where surfaces are partly transparent.
+    pub fn transmittance(&self, ray: &Ray) -> f32 {
+        if !self.transparent {
+            return if self.scene.occluded(ray) { 0.0 } else { 1.0 };
+        }
+        let mut ray = *ray;
+        let mut transmittance = 1.0;
+        // Each turn moves on to the next surface; more than this many are as good as opaque.
+        for _ in 0..256 {
+            match self.meet(&ray) {
+                Met::Nothing => return transmittance,
+                Met::Light { .. } => return 0.0,
+                Met::Surface(interaction) => {
+                    transmittance *= 1.0 - interaction.opacity;
+                    if transmittance <= 0.0 {
+                        return 0.0;
+                    }
+                    ray.t_min = interaction.beyond(&ray);
+                }
+            }
+        }
+        0.0
+    }
+
+    /// The message of the first panic in a callback, if there was one: the picture is not to be trusted then.
+    pub fn take_panic(&self) -> Option<String> {
+        self.scene.take_panic()
+    }
+}
+
+/// Element-wise between motion keys, as Embree itself interpolates the matrices of an instance.
+fn at_time(keys: &[Affine3A], time: f32) -> Affine3A {
+    let [.., last] = keys else {
+        return Affine3A::IDENTITY;
+    };
+    let position = time.clamp(0.0, 1.0) * (keys.len() - 1) as f32;
+    let first = position.floor() as usize;
+    if first + 1 >= keys.len() {
+        return *last;
+    }
+    let (a, b, f) = (&keys[first], &keys[first + 1], position - first as f32);
+    Affine3A {
+        matrix3: a.matrix3 * (1.0 - f) + b.matrix3 * f,
+        translation: a.translation * (1.0 - f) + b.translation * f,
+    }
+}

@@ -1,0 +1,211 @@
+//! What is kept of a shape once Embree has its geometry: which face a hit is on, its limit point, its primvars.
+
+use std::sync::Arc;
+
+use crate::math::{Vec2, Vec3};
+use crate::mesh::{ControlMesh, Interpolation, Primvar};
+use crate::scene::Binding;
+use crate::trace::Geometry;
+
+pub(super) struct Shape {
+    pub(super) surface: Surface,
+    /// By face; one for all if there is but one.
+    materials: Vec<u32>,
+}
+
+pub(super) enum Surface {
+    /// Embree's subdivision geometry: its primitives are the control mesh's faces.
+    Subdivision {
+        /// Primvars that Embree interpolates, name and width, by slot.
+        primvars: Vec<(String, usize)>,
+        /// Whether Embree's surface lies elsewhere than the limit surface.
+        displaced: bool,
+    },
+    Polygons(Polygons),
+}
+
+/// Triangles of a polygon mesh, or of a refined control mesh.
+pub(super) struct Polygons {
+    mesh: Arc<ControlMesh>,
+    /// Corners of each triangle: indices into the mesh's `face_vertex_indices`.
+    corners: Vec<[u32; 3]>,
+    /// Face of each triangle, in `mesh`.
+    faces: Vec<u32>,
+    /// Face of the control mesh for each face of `mesh`, if that was refined.
+    parents: Option<Vec<u32>>,
+}
+
+/// A hit's place on its shape, in object space.
+pub(super) struct Point {
+    /// Face of the control mesh.
+    pub(super) face: u32,
+    /// On the limit surface, if there is one.
+    pub(super) limit: Option<LimitPoint>,
+    /// Interpolated normal of a polygon mesh, if it has normals.
+    pub(super) shading_normal: Option<Vec3>,
+}
+
+pub(super) struct LimitPoint {
+    pub(super) position: Vec3,
+    pub(super) normal: Vec3,
+}
+
+impl Shape {
+    pub(super) fn new(surface: Surface, binding: &Binding, faces: usize, unbound: u32) -> Self {
+        let number = |m: Option<usize>| m.map_or(unbound, |m| m as u32);
+        let mut materials = vec![number(binding.whole)];
+        if !binding.subsets.is_empty() {
+            materials.resize(faces, materials[0]);
+            for subset in &binding.subsets {
+                for &face in &subset.faces {
+                    if let Some(material) = materials.get_mut(face as usize) {
+                        *material = number(subset.material);
+                    }
+                }
+            }
+        }
+        Self { surface, materials }
+    }
+
+    pub(super) fn material(&self, face: u32) -> u32 {
+        if self.materials.len() == 1 {
+            self.materials[0]
+        } else {
+            self.materials[face as usize]
+        }
+    }
+
+    pub(super) fn point(&self, geometry: &Geometry, primitive: u32, uv: Vec2, time: f32) -> Point {
+        match &self.surface {
+            Surface::Subdivision {
+                displaced: true, ..
+            } => {
+                // The displaced surface is known by its facets only.
+                Point {
+                    face: primitive,
+                    limit: None,
+                    shading_normal: None,
+                }
+            }
+            Surface::Subdivision { .. } => {
+                let point = geometry.surface_point(primitive, uv, time);
+                let normal = point.du.cross(point.dv);
+                let limit = Some(LimitPoint {
+                    position: point.position,
+                    normal,
+                });
+                Point {
+                    face: primitive,
+                    limit,
+                    shading_normal: None,
+                }
+            }
+            Surface::Polygons(polygons) => Point {
+                face: polygons.face(primitive),
+                limit: None,
+                shading_normal: polygons.normal(primitive, uv),
+            },
+        }
+    }
+
+    /// Directions in which the texture coordinates `st` grow, object space.
+    pub(super) fn tangents(
+        &self,
+        geometry: &Geometry,
+        primitive: u32,
+        uv: Vec2,
+        time: f32,
+    ) -> Option<[Vec3; 2]> {
+        // Differences over a small step in the face's own parameters give st's derivatives.
+        const STEP: f32 = 1e-3;
+        let step = Vec2::new(
+            if uv.x < 0.5 { STEP } else { -STEP },
+            if uv.y < 0.5 { STEP } else { -STEP },
+        );
+        let st = |uv: Vec2| {
+            let mut out = [0.0; 2];
+            let found = match &self.surface {
+                Surface::Subdivision { primvars, .. } => primvars
+                    .iter()
+                    .position(|(n, w)| n == "st" && *w == 2)
+                    .map(|slot| {
+                        geometry.primvar(slot, primitive, uv, &mut out);
+                    }),
+                Surface::Polygons(p) => p.primvar("st", primitive, uv, &mut out).then_some(()),
+            };
+            found.map(|()| Vec2::from(out))
+        };
+        let here = st(uv)?;
+        let along_u = (st(uv + Vec2::new(step.x, 0.0))? - here) / step.x;
+        let along_v = (st(uv + Vec2::new(0.0, step.y))? - here) / step.y;
+        let determinant = along_u.perp_dot(along_v);
+        if determinant.abs() < 1e-20 {
+            return None;
+        }
+        let point = geometry.surface_point(primitive, uv, time);
+        let along_s = (point.du * along_v.y - point.dv * along_u.y) / determinant;
+        let along_t = (point.dv * along_u.x - point.du * along_v.x) / determinant;
+        Some([along_s, along_t])
+    }
+}
+
+impl Polygons {
+    pub(super) fn new(
+        mesh: Arc<ControlMesh>,
+        corners: Vec<[u32; 3]>,
+        faces: Vec<u32>,
+        parents: Option<&[u32]>,
+    ) -> Self {
+        Self {
+            mesh,
+            corners,
+            faces,
+            parents: parents.map(<[u32]>::to_vec),
+        }
+    }
+
+    /// The control mesh's face that a triangle is part of.
+    fn face(&self, triangle: u32) -> u32 {
+        let face = self.faces[triangle as usize];
+        self.parents
+            .as_ref()
+            .map_or(face, |parents| parents[face as usize])
+    }
+
+    /// Blends a primvar over a triangle; false if there is none of this name and width.
+    pub(super) fn primvar(&self, name: &str, triangle: u32, uv: Vec2, out: &mut [f32]) -> bool {
+        match self.mesh.primvar(name) {
+            Some(primvar) if primvar.width as usize >= out.len() => {
+                self.blend(primvar, triangle, uv, out);
+                true
+            }
+            _ => false,
+        }
+    }
+
+    fn blend(&self, primvar: &Primvar, triangle: u32, uv: Vec2, out: &mut [f32]) {
+        match primvar.interpolation {
+            Interpolation::Constant => out.copy_from_slice(&primvar.get(0)[..out.len()]),
+            Interpolation::Uniform => out
+                .copy_from_slice(&primvar.get(self.faces[triangle as usize] as usize)[..out.len()]),
+            Interpolation::Varying | Interpolation::Vertex | Interpolation::FaceVarying => {
+                let corners = self.corners[triangle as usize];
+                let element = |corner: u32| match primvar.interpolation {
+                    Interpolation::FaceVarying => primvar.get(corner as usize),
+                    _ => primvar.get(self.mesh.face_vertex_indices[corner as usize] as usize),
+                };
+                let [a, b, c] = corners.map(element);
+                for (i, value) in out.iter_mut().enumerate() {
+                    *value = (1.0 - uv.x - uv.y) * a[i] + uv.x * b[i] + uv.y * c[i];
+                }
+            }
+        }
+    }
+
+    fn normal(&self, triangle: u32, uv: Vec2) -> Option<Vec3> {
+        let normals = self.mesh.normals.as_ref()?;
+        let mut out = [0.0; 3];
+        self.blend(normals, triangle, uv, &mut out);
+        Some(Vec3::from(out))
+    }
+}

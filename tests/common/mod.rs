@@ -1,0 +1,96 @@
+//! Renders small scenes for the tests and reads the pictures back.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use relievo::image::{ColorSpace, ImageSource, Texture, Wrap};
+use relievo::integrate::PathOptions;
+use relievo::math::Vec3;
+use relievo::render::{Output, PixelType, Progress, ProgressStyle, RenderOptions, render};
+use relievo::scene::LoadOptions;
+use relievo::shade::filter::{Filter, FilterKind};
+use relievo::stats::Stats;
+use relievo::world::BuildOptions;
+
+/// Options that the tests share: a box filter, float pixels, no progress.
+pub fn options(scene: &Path, picture: &Path) -> RenderOptions {
+    RenderOptions {
+        scene: scene.to_owned(),
+        output: Output {
+            picture: picture.to_owned(),
+            pixel_type: PixelType::Float,
+            ..Output::default()
+        },
+        camera: None,
+        resolution: Some([32, 32]),
+        scale: 1.0,
+        spp: 16,
+        path: PathOptions::default(),
+        filter: Filter::new(FilterKind::Box),
+        seed: 0,
+        threads: 0,
+        memory_budget: None,
+        load: LoadOptions::default(),
+        depth_of_field: true,
+        build: BuildOptions {
+            default_dome: 1.0,
+            ..BuildOptions::default()
+        },
+    }
+}
+
+/// Renders, or fails the test.
+pub fn run(options: &RenderOptions) -> Stats {
+    match render(
+        options,
+        &Progress::new(ProgressStyle::Quiet),
+        &AtomicBool::new(false),
+    ) {
+        Ok(stats) => stats,
+        Err(error) => panic!("{}: {error}", options.scene.display()),
+    }
+}
+
+/// A picture's pixels, row by row from the top.
+pub fn read(path: &Path) -> (u32, u32, Vec<Vec3>) {
+    let texture = Texture::load(
+        &ImageSource::File(path.to_owned()),
+        [Wrap::Clamp; 2],
+        ColorSpace::Raw,
+    )
+    .unwrap_or_else(|fault| panic!("{fault}"));
+    let [width, height] = texture.size();
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+    (
+        width,
+        height,
+        pixels
+            .map(|(x, y)| texture.texel(x, y).truncate())
+            .collect(),
+    )
+}
+
+/// The mean of all pixels.
+pub fn mean(pixels: &[Vec3]) -> Vec3 {
+    let sum = pixels
+        .iter()
+        .fold(glam::DVec3::ZERO, |sum, p| sum + p.as_dvec3());
+    (sum / pixels.len() as f64).as_vec3()
+}
+
+/// A scene of one test, written into `folder`.
+pub fn write_scene(folder: &Path, name: &str, body: &str) -> PathBuf {
+    let path = folder.join(name);
+    let text = format!("#usda 1.0\n(\n    upAxis = \"Y\"\n    metersPerUnit = 1\n)\n{body}");
+    std::fs::write(&path, text).expect("the test's folder takes files");
+    path
+}
+
+/// The folder of shared scenes and values; says so where it is missing.
+pub fn shared(test: &str) -> Option<PathBuf> {
+    let folder = std::env::var_os("RELIEVO_SHARED").map(PathBuf::from);
+    if folder.is_none() {
+        println!("SKIPPED {test}: RELIEVO_SHARED names no folder");
+    }
+    folder
+}

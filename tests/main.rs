@@ -1,0 +1,13 @@
+//! The tests that see the whole program: one binary, a module for each belief.
+//!
+//! Tests that need the shared scenes and reference values run where `RELIEVO_SHARED` names their folder.
+#![allow(
+    clippy::print_stdout,
+    reason = "tests say what they skipped and measured"
+)]
+#![allow(unreachable_pub, reason = "a test binary has no outside")]
+
+mod common;
+mod furnace;
+mod pictures;
+mod usd_oracle;
