@@ -240,7 +240,7 @@ fn metadata(record: &Record<'_>) -> Vec<(String, Attribute)> {
             Attribute::Matrix(camera.world_to_camera()),
         ),
         (
-            "worldtoscreen".into(),
+            "worldtoNDC".into(),
             Attribute::Matrix(camera.world_to_ndc()),
         ),
         ("relievo:scene".into(), text(&stats.scene)),

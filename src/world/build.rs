@@ -10,7 +10,7 @@ use super::shape::{Polygons, Shape, Surface};
 use super::{Entry, Placed, World};
 use crate::error::{Error, Result, Warnings};
 use crate::image::Texture;
-use crate::math::{Affine3A, Bounds3, Vec3, Vec4};
+use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
 use crate::mesh::{ControlMesh, CreaseMethod, Scheme, TriangleRule, triangulate};
 use crate::scene::{self, Description};
 use crate::shade::camera::Camera;
@@ -160,7 +160,14 @@ impl World {
             }
         }
 
-        let lights = lights(description, &textures, bounds, options, &mut warnings);
+        let lights = lights(
+            description,
+            &textures,
+            camera,
+            bounds,
+            options,
+            &mut warnings,
+        );
         if let Some(area) = lights.shapes() {
             let id = builder.attach(Geometry::user(device, area)?);
             entries.insert(id, Entry::Lights);
@@ -513,10 +520,14 @@ impl Primvars for At<'_> {
 fn lights(
     description: &Description,
     textures: &[Arc<Texture>],
+    camera: &Camera,
     bounds: Bounds3,
     options: &BuildOptions,
     warnings: &mut Warnings,
 ) -> Lights {
+    if description.lights.is_empty() && description.cameras.is_empty() {
+        return Lights::new(&studio(camera), &[], bounds).0;
+    }
     if description.lights.is_empty() {
         warnings.add("no light", || {
             "the scene has no light: a white dome lights it; author a light to replace it"
@@ -533,8 +544,41 @@ fn lights(
     lights
 }
 
+/// Lights for a bare mesh: a soft key from the upper left of the camera, and a grey dome that fills the shadows.
+fn studio(camera: &Camera) -> [scene::Light; 2] {
+    let light = |path: &str, kind, world_from_light, color| scene::Light {
+        path: path.to_owned(),
+        kind,
+        world_from_light,
+        color,
+        normalize: true,
+        diffuse: 1.0,
+        specular: 1.0,
+        texture: None,
+        shaping: None,
+    };
+    // A light shines along its -Z as a camera looks along its own: turn the camera's frame.
+    let turned = glam::DQuat::from_rotation_y(-0.75) * glam::DQuat::from_rotation_x(-0.7);
+    let mut key = camera.world_from_camera(0.0) * DAffine3::from_quat(turned);
+    key.translation = glam::DVec3::ZERO;
+    [
+        light(
+            "studio key",
+            scene::LightKind::Distant { angle: 20.0 },
+            key,
+            Vec3::new(6.2, 5.9, 5.5),
+        ),
+        light(
+            "studio fill",
+            scene::LightKind::Dome,
+            DAffine3::IDENTITY,
+            Vec3::new(0.42, 0.45, 0.5),
+        ),
+    ]
+}
+
 /// Transforms are composed in double precision and used in single.
-fn single(m: &crate::math::DAffine3) -> Affine3A {
+fn single(m: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(m.matrix3.as_mat3(), m.translation.as_vec3())
 }
 
