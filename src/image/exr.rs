@@ -278,7 +278,7 @@ mod tests {
         let path = folder.path().join("a.exr");
         let mut picture = picture();
         picture.metadata.push((
-            "worldtoscreen".into(),
+            "worldtoNDC".into(),
             Attribute::Matrix(std::array::from_fn(|i| i as f32)),
         ));
         write_exr(&path, &picture).expect("written");

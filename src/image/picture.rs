@@ -12,7 +12,7 @@ pub struct Picture {
     /// The parts; names must differ if there are several.
     pub parts: Vec<Part>,
     /// What every part says about itself. OpenImageIO's names for the standard attributes: `worldtocamera`
-    /// becomes `worldToCamera`, `worldtoscreen` becomes `worldToNDC`.
+    /// becomes `worldToCamera`, `worldtoNDC` becomes `worldToNDC`.
     pub metadata: Vec<(String, Attribute)>,
     /// The edge of the square tiles; `None`: scanlines.
     pub tile: Option<u32>,

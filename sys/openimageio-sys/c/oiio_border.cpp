@@ -9,6 +9,10 @@
 #include <string>
 #include <vector>
 
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <unistd.h>
+
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 #include <OpenImageIO/oiioversion.h>
@@ -84,21 +88,22 @@ uint32_t format_of(OIIO::TypeDesc type)
     }
 }
 
-// A file for OpenImageIO to write to that does not forget an error: the writers' destructors may swallow one, and
-// buffered bytes may only fail when they are flushed.
+// A file for OpenImageIO to write to that does not forget an error. Writers may swallow one in a destructor; and
+// OpenEXR may wait forever after some. So they never see it: what fails is remembered here, the
+// rest is discarded, and the border asks after each of its calls.
 class CheckedFile final : public OIIO::Filesystem::IOProxy {
 public:
     explicit CheckedFile(const char* name)
         : OIIO::Filesystem::IOProxy(name, Write)
-        , m_file(std::fopen(name, "wb"))
+        , m_file(::open(name, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666))
     {
-        if (!m_file)
+        if (m_file < 0)
             throw Failure { OIIO_BORDER_CANNOT_WRITE, std::strerror(errno) };
     }
     ~CheckedFile() override
     {
-        if (m_file)
-            std::fclose(m_file);
+        if (m_file >= 0)
+            ::close(m_file);
     }
     CheckedFile(const CheckedFile&) = delete;
     CheckedFile& operator=(const CheckedFile&) = delete;
@@ -107,52 +112,43 @@ public:
     int64_t tell() override { return m_pos; }
     bool seek(int64_t offset) override
     {
-        if (!m_file || fseeko(m_file, off_t(offset), SEEK_SET) != 0) {
-            note(errno);
-            return false;
-        }
         m_pos = offset;
         return true;
     }
     size_t write(const void* bytes, size_t size) override
     {
-        if (!m_file)
-            return 0;
-        const size_t written = std::fwrite(bytes, 1, size, m_file);
-        if (written != size)
-            note(errno);
-        m_pos += int64_t(written);
-        m_size = std::max(m_size, m_pos);
-        return written;
+        pwrite(bytes, size, m_pos);
+        m_pos += int64_t(size);
+        return size;
     }
     size_t pwrite(const void* bytes, size_t size, int64_t offset) override
     {
-        const int64_t here = m_pos;
-        if (!seek(offset))
-            return 0;
-        const size_t written = write(bytes, size);
-        seek(here);
-        return written;
+        m_size              = std::max(m_size, offset + int64_t(size));
+        const char* from    = static_cast<const char*>(bytes);
+        size_t left         = size;
+        while (left > 0 && m_errno == 0) {
+            const ssize_t written = ::pwrite(m_file, from, left, off_t(offset));
+            if (written < 0 && errno == EINTR)
+                continue;
+            if (written <= 0) {
+                m_errno = written < 0 && errno != 0 ? errno : EIO;
+                break;
+            }
+            from += written;
+            offset += written;
+            left -= size_t(written);
+        }
+        return size;
     }
     size_t size() const override { return size_t(m_size); }
-    void flush() const override
-    {
-        if (m_file)
-            std::fflush(m_file);
-    }
 
-    // Flushes and closes; throws if this or any write before failed.
+    // Closes (network file systems tell their errors then); throws if this or any write failed.
     void finish()
     {
-        if (m_file) {
-            if (std::fflush(m_file) != 0)
-                note(errno);
-            if (std::ferror(m_file))
-                note(EIO);
-            if (std::fclose(m_file) != 0)
-                note(errno);
-            m_file = nullptr;
-        }
+        const int file = m_file;
+        m_file         = -1;
+        if (file >= 0 && ::close(file) != 0 && errno != EINTR && m_errno == 0)
+            m_errno = errno;
         check();
     }
     // Throws if any write failed.
@@ -163,16 +159,10 @@ public:
     }
 
 private:
-    // The first error is the cause of the later ones.
-    void note(int error)
-    {
-        if (m_errno == 0)
-            m_errno = error != 0 ? error : EIO;
-    }
-
-    std::FILE* m_file;
+    int m_file;
     int64_t m_size = 0;
-    int m_errno    = 0;
+    // The first error; it is the cause of the later ones.
+    int m_errno = 0;
 };
 
 }  // namespace
@@ -198,8 +188,38 @@ struct OiioBorderOutput {
     std::vector<OIIO::ImageSpec> specs;
     OIIO::ImageOutput::unique_ptr output;
     std::string name;
+    // A file in memory, or -1.
+    int memory   = -1;
     size_t part  = 0;
     uint32_t row = 0;
+
+    OiioBorderOutput()                                   = default;
+    OiioBorderOutput(const OiioBorderOutput&)            = delete;
+    OiioBorderOutput& operator=(const OiioBorderOutput&) = delete;
+    ~OiioBorderOutput()
+    {
+        output.reset();
+        if (memory >= 0)
+            ::close(memory);
+    }
+
+    // Moves what was written to memory to the file.
+    void copy_memory()
+    {
+        std::vector<char> buffer(1 << 20);
+        for (off_t offset = 0;;) {
+            const ssize_t count = ::pread(memory, buffer.data(), buffer.size(), offset);
+            if (count < 0 && errno == EINTR)
+                continue;
+            if (count < 0)
+                throw Failure { OIIO_BORDER_CANNOT_WRITE, std::strerror(errno) };
+            if (count == 0)
+                break;
+            file->write(buffer.data(), size_t(count));
+            file->check();
+            offset += count;
+        }
+    }
 
     // The system's reason if there is one, else OpenImageIO's.
     [[noreturn]] void fail()
@@ -221,8 +241,12 @@ int oiio_border_open(const char* name, const uint8_t* bytes, size_t byte_count, 
         auto opened = std::make_unique<OiioBorderInput>();
         OIIO::ImageSpec config;
         config.attribute("oiio:UnassociatedAlpha", 1);
-        if (bytes)
+        if (bytes) {
             opened->memory = std::make_unique<OIIO::Filesystem::IOMemReader>(bytes, byte_count);
+            // Some readers take it from the configuration only, others as an argument.
+            void* proxy = static_cast<OIIO::Filesystem::IOProxy*>(opened->memory.get());
+            config.attribute("oiio:ioproxy", OIIO::TypeDesc(OIIO::TypeDesc::PTR), &proxy);
+        }
         opened->input = OIIO::ImageInput::open(name, &config, opened->memory.get());
         if (!opened->input)
             throw Failure { OIIO_BORDER_CANNOT_OPEN, or_unknown(OIIO::geterror()) };
@@ -389,11 +413,20 @@ int oiio_border_create(const char* file, const char* format, const OiioBorderPic
         made->file = std::make_unique<CheckedFile>(file);
         if (!made->output->set_ioproxy(made->file.get()))
             made->fail();
+        if (made->specs.size() > 1) {
+            // OpenImageIO 2.4's multi-part writer ignores the proxy and opens the name itself, out of sight of our
+            // checks. It gets memory for that; `finish` copies it. Versions that know better leave it empty.
+            made->memory = ::memfd_create("picture", MFD_CLOEXEC);
+            if (made->memory < 0)
+                throw Failure { OIIO_BORDER_CANNOT_WRITE, std::strerror(errno) };
+            made->name = "/proc/self/fd/" + std::to_string(made->memory);
+        }
         const bool opened = made->specs.size() == 1
                                 ? made->output->open(made->name, made->specs[0])
                                 : made->output->open(made->name, int(made->specs.size()), made->specs.data());
         if (!opened)
             made->fail();
+        made->file->check();
         *output = made.release();
     });
 }
@@ -430,6 +463,7 @@ int oiio_border_write(OiioBorderOutput* output, uint32_t rows, const void* pixel
                                  : output->output->write_scanlines(begin, end, 0, native, pixels);
         if (!written)
             output->fail();
+        output->file->check();
         output->row += rows;
     });
 }
@@ -447,6 +481,10 @@ int oiio_border_finish(OiioBorderOutput* output, char* message, size_t message_s
             ended->fail();
         // Destroying the writer may write its last bytes.
         ended->output.reset();
+        if (ended->memory >= 0 && ended->file->size() == 0)
+            ended->copy_memory();
+        if (ended->file->size() == 0)
+            throw Failure { OIIO_BORDER_CANNOT_WRITE, "OpenImageIO has written nothing" };
         ended->file->finish();
     });
 }
