@@ -267,7 +267,7 @@ impl Tile {
                 }
             }
             Pixels::Float(pixels) => {
-                v[..channels].copy_from_slice(&pixels[first..first + channels])
+                v[..channels].copy_from_slice(&pixels[first..first + channels]);
             }
         }
         match self.layout {
