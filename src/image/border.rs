@@ -302,8 +302,8 @@ pub(super) enum FileFormat {
     Png,
 }
 
-/// A part: its name, and its channels with their formats.
-pub(super) type BorderPart<'a> = (&'a str, Vec<(&'a str, Option<ChannelFormat>)>);
+/// A channel's name and format.
+type NamedFormat<'a> = (&'a str, Option<ChannelFormat>);
 
 /// What [`Output::create`] needs to know of a picture.
 pub(super) struct Header<'a> {
@@ -313,7 +313,7 @@ pub(super) struct Header<'a> {
     pub(super) tile: u32,
     pub(super) compression: Option<&'a str>,
     /// Name, and name and format of the channels; a channel without format has bytes.
-    pub(super) parts: Vec<BorderPart<'a>>,
+    pub(super) parts: Vec<(&'a str, Vec<NamedFormat<'a>>)>,
     pub(super) metadata: &'a [(String, Attribute)],
 }
 
