@@ -2,6 +2,7 @@
 
 mod build;
 mod dicing;
+mod geometry;
 mod interaction;
 mod shape;
 
