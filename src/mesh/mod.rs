@@ -1,6 +1,7 @@
 //! The control mesh: what a file says of a surface, as plain arrays.
 
 mod tags;
+mod topology;
 mod triangulate;
 mod validate;
 
@@ -9,6 +10,7 @@ pub use tags::{
     TriangleRule,
 };
 
+pub use topology::Topology;
 pub use triangulate::{Triangles, triangulate};
 
 use crate::math::{Bounds3, Vec3};
