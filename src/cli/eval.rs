@@ -10,7 +10,7 @@ use relievo::mesh::{
     ControlMesh, CreaseMethod, FaceVaryingInterpolation, Interpolation, Primvar, TriangleRule,
 };
 use relievo::scene::{LoadOptions, obj};
-use relievo::subdiv::{Field, LimitSurface};
+use relievo::subdiv::{Field, LimitPoint, LimitSurface};
 use relievo::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -282,32 +282,30 @@ fn evaluate(
         return [const { Value::Null }; 4];
     }
     let isolated = isolation.and_then(|level| surface.isolate(points, ptex, u, v, level));
-    let (position, [du, dv], has_lengths) = match isolated {
-        Some(corner) => (corner.position, corner.tangents, corner.has_lengths),
-        None => {
-            let point = surface.evaluate(points, ptex, u, v);
-            (
-                point.position.to_vec(),
-                [point.du.to_vec(), point.dv.to_vec()],
-                !surface.is_extraordinary(ptex, u, v),
-            )
+    let three = |p: &[f64]| [p[0], p[1], p[2]];
+    let (point, has_lengths) = match isolated {
+        Some(corner) => {
+            let [du, dv] = &corner.tangents;
+            let point = LimitPoint {
+                position: three(&corner.position),
+                du: three(du),
+                dv: three(dv),
+                ..LimitPoint::default()
+            };
+            (point, corner.has_lengths)
         }
+        None => (
+            surface.evaluate(points, ptex, u, v),
+            !surface.is_extraordinary(ptex, u, v),
+        ),
     };
-    let [du, dv] = [du, dv].map(|t| glam::DVec3::from_slice(&t));
-    let across = du.cross(dv);
-    // Parallel or vanishing tangents, as at some poles.
-    let degenerate = across.length() <= 1e-9 * du.length() * dv.length();
-    let normal = if degenerate {
-        Value::Null
-    } else {
-        json!(across.normalize().to_array())
-    };
-    let [du, dv] = if has_lengths {
-        [json!(du.to_array()), json!(dv.to_array())]
-    } else {
-        [Value::Null, Value::Null]
-    };
-    [json!(position), du, dv, normal]
+    let derivative = |d: [f64; 3]| if has_lengths { json!(d) } else { Value::Null };
+    [
+        json!(point.position),
+        derivative(point.du),
+        derivative(point.dv),
+        json!(point.normal(u, v)),
+    ]
 }
 
 /// The names of face-varying rules.

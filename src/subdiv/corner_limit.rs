@@ -36,8 +36,9 @@ impl CornerLimit {
 
 /// What OpenSubdiv takes a corner for at the level where it stops refining: masks over the ring at that level.
 ///
-/// They are the limit for smooth vertices and creases. At darts they are the smooth masks, at corners the vertex and
-/// the edges as they are, both nearer to the limit the deeper the level.
+/// They are the limit on creases, and the limit's position at smooth vertices; the tangents there are those of its
+/// Gregory patches. At darts they are the smooth masks, at corners the vertex and the edges as they are. All come
+/// nearer to the limit with each level.
 #[derive(Debug, Clone)]
 pub(super) struct CornerMask {
     pub(super) limit: CornerLimit,
@@ -68,7 +69,13 @@ fn corner_mask(ring: &Ring, corner: u32) -> CornerMask {
     let mut edges = topology.vertex_edges(vertex).iter();
     let on_border = edges.any(|&e| topology.is_border(e)) && topology.is_vertex_manifold(vertex);
     let form = match ring.cage.rule(vertex) {
-        Rule::Smooth => full_span(ring, corner).and_then(|full| smooth(ring, corner, &full)),
+        Rule::Smooth => full_span(ring, corner).and_then(|full| {
+            let mut limit = smooth(ring, corner, &full)?;
+            if !ring.cage.rules.triangles() {
+                limit.tangents = gregory_tangents(ring, &full);
+            }
+            Some(limit)
+        }),
         Rule::Crease if alone && on_border => None,
         Rule::Crease => crease(ring, corner, &span),
         Rule::Corner => None,
@@ -87,6 +94,23 @@ fn corner_mask(ring: &Ring, corner: u32) -> CornerMask {
         CornerLimit { position, tangents }
     });
     CornerMask { limit, has_lengths }
+}
+
+/// The tangents of OpenSubdiv's Gregory patches at a smooth vertex of any valence: twice the mean over the faces at an
+/// edge, instead of the eigenvector that [`catmull_clark_tangent`] takes. They are the same at valence 4.
+fn gregory_tangents(ring: &Ring, span: &Span) -> [Row; 2] {
+    let (ends, across) = (span.far_ends(ring), across(ring, span));
+    let n = ends.len();
+    let theta = TAU / n as f64;
+    [0, 1].map(|first| {
+        let mut row = vec![0.0; ring.vertices.len()];
+        for i in 0..n {
+            let (j, angle) = ((first + i) % n, i as f64 * theta);
+            row[ends[j] as usize] += 4.0 * (1.0 + theta.cos()) * angle.cos();
+            row[across[j] as usize] += angle.cos() + (angle + theta).cos();
+        }
+        row
+    })
 }
 
 fn usual_sides(ring: &Ring) -> u32 {

@@ -3,6 +3,7 @@
 use std::ops::{Add, AddAssign, Mul};
 
 use super::basis;
+use crate::math::DVec3;
 
 /// A floating-point type to store and evaluate in: single for rendering, double for reference.
 pub trait Real:
@@ -47,6 +48,30 @@ pub struct LimitPoint<T> {
     pub duv: [T; 3],
     /// Second derivative by v twice.
     pub dvv: [T; 3],
+}
+
+impl<T: Real> LimitPoint<T> {
+    /// The unit normal at parameters (u, v), along du × dv. Where these are parallel or vanish, as at some poles and
+    /// folds, it is the one that comes from inside the face, if second derivatives tell.
+    pub fn normal(&self, u: f64, v: f64) -> Option<[f64; 3]> {
+        let [du, dv, duu, duv, dvv] =
+            [self.du, self.dv, self.duu, self.duv, self.dvv].map(|d| DVec3::from(d.map(Real::get)));
+        // Below this sine the angle between two tangents is rounding.
+        const LEAST_SINE: f64 = 1e-9;
+        let proper = |a: DVec3, b: DVec3| {
+            let across = a.cross(b);
+            let scale = a.length() * b.length();
+            (across.length() > LEAST_SINE * scale).then(|| across.normalize().to_array())
+        };
+        proper(du, dv).or_else(|| {
+            // To first order towards a point well inside.
+            let (a, b) = (1.0 / 3.0 - u, 1.0 / 3.0 - v);
+            let across = (a * duu + b * duv).cross(dv) + du.cross(a * duv + b * dvv);
+            let scale =
+                du.length().max(dv.length()) * duu.length().max(duv.length()).max(dvv.length());
+            (across.length() > LEAST_SINE * scale).then(|| across.normalize().to_array())
+        })
+    }
 }
 
 /// What a patch is made of.

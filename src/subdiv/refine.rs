@@ -11,7 +11,8 @@
 //!                                                0 --- e0 --- 1
 //! ```
 //!
-//! Points of the result: first the faces' (quads only), then the edges', then the vertices', as in OpenSubdiv.
+//! Points of the result: first the vertices' in their order, then the faces' (quads only), then the edges'; that and
+//! the order of edges and faces are OpenSubdiv's.
 
 use super::cage::{Cage, Rules};
 use super::crease::{self, Rule, decayed, is_sharp};
@@ -44,6 +45,7 @@ fn masks(rules: Rules) -> &'static dyn Masks {
 /// Where the points of the next level come from, by number.
 #[derive(Debug, Clone, Copy)]
 struct Children {
+    vertices: u32,
     /// 0 where faces have no points.
     faces: u32,
     edges: u32,
@@ -52,6 +54,7 @@ struct Children {
 impl Children {
     fn of(cage: &Cage) -> Self {
         Self {
+            vertices: cage.topology.vertex_count() as u32,
             faces: match cage.rules.triangles() {
                 true => 0,
                 false => cage.topology.face_count() as u32,
@@ -60,12 +63,16 @@ impl Children {
         }
     }
 
-    fn of_edge(self, edge: u32) -> u32 {
-        self.faces + edge
+    fn of_face(self, face: u32) -> u32 {
+        self.vertices + face
     }
 
-    fn of_vertex(self, vertex: u32) -> u32 {
-        self.faces + self.edges + vertex
+    fn of_edge(self, edge: u32) -> u32 {
+        self.vertices + self.faces + edge
+    }
+
+    fn count(self) -> u32 {
+        self.vertices + self.faces + self.edges
     }
 }
 
@@ -90,14 +97,14 @@ pub(super) fn split(cage: &Cage) -> Cage {
     for corner in 0..inner {
         let from = match cage.rules.triangles() {
             true => children.of_edge(topology.edge(topology.previous(corner))),
-            false => topology.face(corner),
+            false => children.of_face(topology.face(corner)),
         };
         edge_vertices.push([from, children.of_edge(topology.edge(corner))]);
     }
     let mut edge_sharpness = vec![0.0; inner as usize];
     for edge in 0..topology.edge_count() as u32 {
         for vertex in topology.edge_vertices(edge) {
-            edge_vertices.push([children.of_edge(edge), children.of_vertex(vertex)]);
+            edge_vertices.push([children.of_edge(edge), vertex]);
             edge_sharpness.push(cage.child_sharpness(edge, vertex));
         }
     }
@@ -119,7 +126,7 @@ pub(super) fn split(cage: &Cage) -> Cage {
     for face in 0..topology.face_count() as u32 {
         let own: Vec<u32> = topology.corners(face).collect();
         let n = own.len();
-        let v = |i: usize| children.of_vertex(topology.vertex(own[i]));
+        let v = |i: usize| topology.vertex(own[i]);
         let e = |i: usize| children.of_edge(topology.edge(own[i % n]));
         if cage.rules.triangles() {
             assert_eq!(n, 3, "Loop subdivision of a face with {n} corners");
@@ -137,7 +144,7 @@ pub(super) fn split(cage: &Cage) -> Cage {
         } else {
             for i in 0..n {
                 let before = (i + n - 1) % n;
-                let mut vertices = [v(i), e(i), face, e(before)];
+                let mut vertices = [v(i), e(i), children.of_face(face), e(before)];
                 let mut edges = [
                     half(own[i], false),
                     own[i],
@@ -155,16 +162,17 @@ pub(super) fn split(cage: &Cage) -> Cage {
             hole.resize(hole.len() + n, cage.hole[face as usize]);
         }
     }
-    let first = children.of_vertex(0) as usize;
-    let mut vertex_sharpness = vec![0.0; first];
-    vertex_sharpness.extend(cage.vertex_sharpness.iter().copied().map(decayed));
+    let count = children.count() as usize;
+    let mut vertex_sharpness: Vec<f32> =
+        cage.vertex_sharpness.iter().copied().map(decayed).collect();
+    vertex_sharpness.resize(count, 0.0);
     Cage {
         topology: Topology::with_edges(
             &counts,
             corner_vertices,
             corner_edges,
             edge_vertices,
-            first + topology.vertex_count(),
+            count,
         ),
         rules: cage.rules,
         edge_sharpness,
@@ -175,11 +183,15 @@ pub(super) fn split(cage: &Cage) -> Cage {
 
 /// The points of the next level in terms of this one's. Rows that `wanted` does not ask for stay empty.
 pub(super) fn stencils(cage: &Cage, wanted: &dyn Fn(Source) -> bool) -> Stencils {
-    let topology = &cage.topology;
     let masks = masks(cage.rules);
     let children = Children::of(cage);
-    let points = children.of_vertex(topology.vertex_count() as u32);
-    let mut rows = Stencils::with_capacity(points as usize);
+    let mut rows = Stencils::with_capacity(children.count() as usize);
+    for vertex in 0..children.vertices {
+        if wanted(Source::Vertex(vertex)) {
+            vertex_row(cage, masks, vertex, &mut rows);
+        }
+        rows.end_row();
+    }
     for face in 0..children.faces {
         if wanted(Source::Face) {
             add_face_point(cage, face, 1.0, &mut rows);
@@ -189,12 +201,6 @@ pub(super) fn stencils(cage: &Cage, wanted: &dyn Fn(Source) -> bool) -> Stencils
     for edge in 0..children.edges {
         if wanted(Source::Edge(edge)) {
             edge_row(cage, masks, edge, &mut rows);
-        }
-        rows.end_row();
-    }
-    for vertex in 0..topology.vertex_count() as u32 {
-        if wanted(Source::Vertex(vertex)) {
-            vertex_row(cage, masks, vertex, &mut rows);
         }
         rows.end_row();
     }

@@ -39,7 +39,12 @@ pub(super) fn recognise(ring: &Ring) -> Option<Regular> {
         return None;
     }
     if ring.cage.rules.linear {
-        let corners = (0..ring.sides()).map(|i| vec![(i, 1.0)]);
+        let corners = ring
+            .cage
+            .topology
+            .face_vertices(0)
+            .iter()
+            .map(|&v| vec![(v, 1.0)]);
         return Some(Regular::Patch(corners.collect()));
     }
     let strip = match layout.sides {

@@ -31,7 +31,7 @@ enum Origin {
 ///
 /// Vertex primvars follow the points, face-varying ones their own rule; varying ones are linear over each face.
 /// Faces that have no limit surface, holes and those that the boundary rule leaves out, become holes. At each level
-/// the faces' points come first (not with Loop), then the edges', then the vertices'.
+/// the vertices' points come first, in their order, then the faces' (not with Loop), then the edges'.
 ///
 /// # Panics
 /// If the result had more corners than 32 bits can number.
