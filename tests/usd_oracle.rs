@@ -14,7 +14,7 @@ use relievo::error::Error;
 use relievo::image::ImageSource;
 use relievo::math::{DAffine3, DMat4, Vec3};
 use relievo::mesh::{BoundaryInterpolation, FaceVaryingInterpolation, Scheme, TriangleRule};
-use relievo::scene::{Description, LightKind, LoadOptions, Purpose, load};
+use relievo::scene::{Description, LightKind, LoadOptions, MissingLayers, Purpose, load};
 use serde_json::Value;
 
 fn shared() -> Option<PathBuf> {
@@ -29,7 +29,8 @@ fn options(frame: f64) -> LoadOptions {
     LoadOptions {
         frame: Some(frame),
         motion_blur: false,
-        purposes: vec![Purpose::Render, Purpose::Proxy, Purpose::Guide],
+        purposes: Some(vec![Purpose::Render, Purpose::Proxy, Purpose::Guide]),
+        missing_layers: MissingLayers::Skip,
         ..LoadOptions::default()
     }
 }

@@ -78,6 +78,15 @@ impl ControlMesh {
                     Fault::new(format!("index {v}, but there are {points} points")).at_face(face),
                 );
             }
+            if self.scheme != Scheme::None
+                && let Some(v) = repeated(corners)
+            {
+                return Err(
+                    Fault::new(format!("point {v} is more than one of its corners"))
+                        .at_face(face)
+                        .advise("a face that is subdivided runs through a point once: remove the repeated corner"),
+                );
+            }
             if self.scheme == Scheme::Loop && corners.len() != 3 {
                 return Err(Fault::new(format!(
                     "Loop subdivision of a face with {} corners",
@@ -133,7 +142,11 @@ impl ControlMesh {
         Ok(())
     }
 
-    fn validate_primvar(&self, primvar: &Primvar) -> Result<(), Fault> {
+    /// Checks a primvar that this mesh is to carry.
+    ///
+    /// # Errors
+    /// The first fault found: a wrong count, an index out of range, a number that is not finite.
+    pub fn validate_primvar(&self, primvar: &Primvar) -> Result<(), Fault> {
         let name = &primvar.name;
         if primvar.width == 0 || !primvar.values.len().is_multiple_of(primvar.width as usize) {
             return Err(Fault::new(format!(
@@ -180,6 +193,21 @@ impl ControlMesh {
     }
 }
 
+/// A point that occurs twice.
+fn repeated(corners: &[u32]) -> Option<u32> {
+    // Nearly every face is small; a polygon of thousands must not take their square.
+    if corners.len() <= 16 {
+        let twice = |(i, v)| corners[..i].contains(v).then_some(*v);
+        return corners.iter().enumerate().find_map(twice);
+    }
+    let mut sorted = corners.to_vec();
+    sorted.sort_unstable();
+    sorted
+        .windows(2)
+        .find(|pair| pair[0] == pair[1])
+        .map(|pair| pair[0])
+}
+
 /// Finite, and small enough that products of three coordinates still are.
 fn usable(p: Vec3) -> bool {
     p.abs().max_element() <= 1e18 && p.is_finite()
@@ -207,13 +235,16 @@ mod tests {
 
     #[test]
     fn each_fault_says_what_it_found() {
-        let faults: [(&str, Spoil); 7] = [
+        let faults: [(&str, Spoil); 8] = [
             ("no points", |m| m.points.clear()),
             ("index 7, but there are 4 points", |m| {
                 m.face_vertex_indices[2] = 7;
             }),
             ("add up to 4, but there are 3", |m| {
                 m.face_vertex_indices.truncate(3);
+            }),
+            ("point 1 is more than one of its corners", |m| {
+                m.face_vertex_indices[3] = 1;
             }),
             ("2 corners are too few", |m| m.face_vertex_counts[0] = 2),
             ("not a usable number", |m| m.points[0][1].y = f32::NAN),

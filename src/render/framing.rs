@@ -68,7 +68,14 @@ fn around(description: &Description) -> Result<Camera> {
         }
     }
     if bounds.is_empty() {
-        let fault = Fault::new("there is nothing to see: no mesh, and no camera");
+        let left_out = description.warnings.iter().next().is_some();
+        let fault = Fault::new("there is nothing to see: no mesh that is shown, and no camera").advise(
+            if left_out {
+                "the warnings say what is not drawn; export it as meshes"
+            } else {
+                "is it a layer of materials, classes or overs, which another file brings in? or are its meshes hidden, or of another --purpose?"
+            },
+        );
         return Err(match description.files.first() {
             Some(file) => fault.in_file(file).into(),
             None => fault.into(),

@@ -279,6 +279,7 @@ impl Reader {
             mesh: Arc::new(mesh),
             materials,
             double_sided: true,
+            unusable_primvars: Vec::new(),
         });
         Ok(description)
     }
