@@ -1,9 +1,11 @@
 //! From a scene file to a picture: the stages in their order.
 
+mod estimate;
 mod framing;
 mod output;
 mod progress;
 
+pub use estimate::{Estimate, estimate};
 pub use output::{AOVS, Aov, Output, PixelType};
 pub use progress::{Progress, ProgressStyle};
 

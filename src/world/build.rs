@@ -447,7 +447,7 @@ fn studio(camera: &Camera) -> [scene::Light; 2] {
 }
 
 /// Transforms are composed in double precision and used in single.
-fn single(m: &DAffine3) -> Affine3A {
+pub(super) fn single(m: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(m.matrix3.as_mat3(), m.translation.as_vec3())
 }
 
