@@ -21,6 +21,19 @@ impl ControlMesh {
         Ok(())
     }
 
+    /// The first face that runs through a point more than once, and the point. Such a face has an edge of no
+    /// length or touches itself; it is refined as any other, but rarely meant.
+    pub fn repeated_corner(&self) -> Option<(usize, u32)> {
+        let mut sorted = Vec::new();
+        self.faces().enumerate().find_map(|(face, range)| {
+            sorted.clear();
+            sorted.extend_from_slice(&self.face_vertex_indices[range]);
+            sorted.sort_unstable();
+            let twice = sorted.windows(2).find(|pair| pair[0] == pair[1]);
+            twice.map(|pair| (face, pair[0]))
+        })
+    }
+
     fn validate_points(&self) -> Result<(), Fault> {
         let Some(first) = self.points.first() else {
             return Err(Fault::new("the mesh has no points"));
@@ -76,15 +89,6 @@ impl ControlMesh {
             if let Some(&v) = corners.iter().find(|&&v| v as usize >= points) {
                 return Err(
                     Fault::new(format!("index {v}, but there are {points} points")).at_face(face),
-                );
-            }
-            if self.scheme != Scheme::None
-                && let Some(v) = repeated(corners)
-            {
-                return Err(
-                    Fault::new(format!("point {v} is more than one of its corners"))
-                        .at_face(face)
-                        .advise("a face that is subdivided runs through a point once: remove the repeated corner"),
                 );
             }
             if self.scheme == Scheme::Loop && corners.len() != 3 {
@@ -165,7 +169,9 @@ impl ControlMesh {
             .indices
             .as_ref()
             .map_or(primvar.elements(), Vec::len);
-        if given < needed || (given > needed && needed != 1) {
+        // A constant may come with more than it needs.
+        let exact = primvar.interpolation != Interpolation::Constant;
+        if given < needed || (given > needed && exact) {
             return Err(Fault::new(format!(
                 "primvar {name} has {given} elements for {needed} {of_what}"
             ))
@@ -193,21 +199,6 @@ impl ControlMesh {
     }
 }
 
-/// A point that occurs twice.
-fn repeated(corners: &[u32]) -> Option<u32> {
-    // Nearly every face is small; a polygon of thousands must not take their square.
-    if corners.len() <= 16 {
-        let twice = |(i, v)| corners[..i].contains(v).then_some(*v);
-        return corners.iter().enumerate().find_map(twice);
-    }
-    let mut sorted = corners.to_vec();
-    sorted.sort_unstable();
-    sorted
-        .windows(2)
-        .find(|pair| pair[0] == pair[1])
-        .map(|pair| pair[0])
-}
-
 /// Finite, and small enough that products of three coordinates still are.
 fn usable(p: Vec3) -> bool {
     p.abs().max_element() <= 1e18 && p.is_finite()
@@ -231,20 +222,25 @@ mod tests {
         assert_eq!(quad().validate(), Ok(()));
     }
 
+    #[test]
+    fn a_repeated_corner_is_found() {
+        let mut mesh = quad();
+        assert_eq!(mesh.repeated_corner(), None);
+        mesh.face_vertex_indices[3] = 1;
+        assert_eq!(mesh.repeated_corner(), Some((0, 1)));
+    }
+
     type Spoil = fn(&mut ControlMesh);
 
     #[test]
     fn each_fault_says_what_it_found() {
-        let faults: [(&str, Spoil); 8] = [
+        let faults: [(&str, Spoil); 7] = [
             ("no points", |m| m.points.clear()),
             ("index 7, but there are 4 points", |m| {
                 m.face_vertex_indices[2] = 7;
             }),
             ("add up to 4, but there are 3", |m| {
                 m.face_vertex_indices.truncate(3);
-            }),
-            ("point 1 is more than one of its corners", |m| {
-                m.face_vertex_indices[3] = 1;
             }),
             ("2 corners are too few", |m| m.face_vertex_counts[0] = 2),
             ("not a usable number", |m| m.points[0][1].y = f32::NAN),

@@ -175,6 +175,11 @@ impl Reader {
             return Err(self.no_points(prim));
         }
         mesh.validate()?;
+        if let Some((face, point)) = mesh.repeated_corner() {
+            self.warn("repeated corner", || {
+                format!("{path}: face {face}: point {point} is more than one of its corners; remove the repeated ones")
+            });
+        }
         let mut candidates = self.primvars(prim, names);
         for inherited in state.inherited.primvars.iter() {
             if candidates.iter().all(|(own, _)| *own != inherited.name) {
@@ -233,8 +238,10 @@ impl Reader {
         let type_name = prim.attribute("points").type_name().ok().flatten();
         match (value::vectors(value), type_name) {
             (Some(_), _) => Fault::new("the mesh has faces, and its list of points is empty"),
-            (None, Some(name)) => Fault::new(format!("the points are of type {}", name.as_str())),
-            (None, None) => Fault::new("the points are of another type than point3f[]"),
+            (None, Some(name)) if name.as_str() != "point3f[]" => {
+                Fault::new(format!("the points are of type {}", name.as_str()))
+            }
+            (None, _) => Fault::new("the points are of another type than point3f[]"),
         }
         .advise("author point3f[] points")
     }
