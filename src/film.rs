@@ -3,35 +3,8 @@
 //! The film is a list of tiles, each rendered by one thread at a time and in the order of the samples, so the
 //! sums are the same to the bit whatever the number of threads.
 
+use crate::integrate::{FirstHit, PathSample};
 use crate::math::Vec3;
-
-/// What one path brings back.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct PathSample {
-    /// Radiance along the camera ray.
-    pub radiance: Vec3,
-    /// 1 where the path met something, 0 where it left the scene.
-    pub alpha: f32,
-    /// Of the first surface: what it reflects of white light.
-    pub albedo: Vec3,
-    /// Of the first surface: unit shading normal in world space.
-    pub normal: Vec3,
-    /// Of the first surface: where it is; none if the ray left the scene.
-    pub first: Option<FirstHit>,
-}
-
-/// The first surface that a path met.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct FirstHit {
-    /// Distance along the camera's axis, scene units.
-    pub depth: f32,
-    /// World space.
-    pub position: Vec3,
-    /// Face of the control mesh.
-    pub face: u32,
-    /// Number of the placement, from 1; 0 is nothing.
-    pub object: u32,
-}
 
 /// A pixel's sums.
 #[derive(Debug, Clone, Copy, Default)]

@@ -1,7 +1,6 @@
 //! The radiance along a ray: a path tracer with next-event estimation and multiple importance sampling
 //! (Veach 1997, ch. 9, power heuristic). Knows no pixels.
 
-use crate::film::{FirstHit, PathSample};
 use crate::math::{Ray, Vec3};
 use crate::shade::bsdf::Bsdf;
 use crate::shade::sampler::Sampler;
@@ -24,6 +23,34 @@ impl Default for PathOptions {
             roulette_after: 3,
         }
     }
+}
+
+/// What one path brings back.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PathSample {
+    /// Radiance along the camera ray.
+    pub radiance: Vec3,
+    /// 1 where the path met something, 0 where it left the scene.
+    pub alpha: f32,
+    /// Of the first surface: what it reflects of white light.
+    pub albedo: Vec3,
+    /// Of the first surface: unit shading normal in world space.
+    pub normal: Vec3,
+    /// Of the first surface: where it is; none if the ray left the scene.
+    pub first: Option<FirstHit>,
+}
+
+/// The first surface that a path met.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FirstHit {
+    /// Distance along the camera's axis, scene units.
+    pub depth: f32,
+    /// World space.
+    pub position: Vec3,
+    /// Face of the control mesh.
+    pub face: u32,
+    /// Number of the placement, from 1; 0 is nothing.
+    pub object: u32,
 }
 
 /// Surfaces that a path may pass straight through because they are transparent there, before it is ended.

@@ -8,6 +8,9 @@
 #![allow(unreachable_pub, reason = "a test binary has no outside")]
 
 mod common;
+mod errors;
 mod furnace;
+mod layers;
+mod manners;
 mod pictures;
 mod usd_oracle;

@@ -1,9 +1,11 @@
 //! From a scene file to a picture: the stages in their order.
 
+mod estimate;
 mod framing;
 mod output;
 mod progress;
 
+pub use estimate::{Estimate, estimate};
 pub use output::{AOVS, Aov, Output, PixelType};
 pub use progress::{Progress, ProgressStyle};
 
@@ -80,11 +82,20 @@ pub fn render(
         scene: options.scene.display().to_string(),
         ..Stats::default()
     };
-    options.output.check()?;
+    let mut output = options.output.clone();
+    output.check()?;
 
     // Load.
     progress.stage("load", 1);
     let description = stats.time("load", |_| scene::load(&options.scene, &options.load))?;
+    // Told before anything can fail: they often say why it does.
+    progress.warn(&description.warnings);
+    if output.from_scene
+        && let Some(name) = &description.settings.product_name
+    {
+        output.picture = PathBuf::from(name);
+        output.check()?;
+    }
     stats.scene_hash = hash(&description)?;
     let (camera_source, framed) = framing::camera(&description, options.camera.as_deref())?;
     if framed {
@@ -146,16 +157,9 @@ pub fn render(
         film: film_bytes,
     };
     stats.scene_counts = counts(&description);
+    progress.warn(&built.warnings);
     let mut warnings = description.warnings.clone();
     warnings.extend(built.warnings);
-    for warning in warnings.iter() {
-        let times = if warning.count > 1 {
-            format!(" ({} times)", warning.count)
-        } else {
-            String::new()
-        };
-        progress.above_bar(|| tracing::warn!("{}{times}", warning.message));
-    }
     stats.warnings = warnings.iter().cloned().collect();
 
     // Render: whole passes over the picture, so that what an interruption leaves is a whole picture.
@@ -202,14 +206,14 @@ pub fn render(
         options,
     };
     let start = std::time::Instant::now();
-    let written = options.output.write(&film, &record);
+    let written = output.write(&film, &record);
     stats.stages.push(crate::stats::Stage {
         name: "write",
         seconds: start.elapsed().as_secs_f64(),
     });
     progress.finish();
     written?;
-    if let Some(path) = &options.output.stats {
+    if let Some(path) = &output.stats {
         stats.write(path)?;
     }
     interrupted(interrupt)?;

@@ -18,6 +18,8 @@ use crate::stats::Stats;
 pub struct Output {
     /// The picture: `.exr`, or `.png` for looking only.
     pub picture: PathBuf,
+    /// Whether the file name of the scene's render product goes before [`Output::picture`].
+    pub from_scene: bool,
     /// A PNG beside it.
     pub png: Option<PathBuf>,
     /// Statistics as JSON.

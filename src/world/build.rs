@@ -9,7 +9,7 @@ use super::dicing::Dicing;
 use super::geometry::geometry;
 use super::shape::Shape;
 use super::{Entry, Placed, World};
-use crate::error::{Error, Result, Warnings};
+use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
 use crate::mesh::ControlMesh;
@@ -91,7 +91,8 @@ impl World {
                     bounds = bounds.union(shape.mesh.bounds().transformed(&key));
                 }
             }
-            let needs = needed_primvars(shape, places, description, &materials, unbound);
+            let needs = needed_primvars(shape, places, description, &materials, unbound)
+                .map_err(|fault| name_shape(fault.into(), description, shape))?;
             let displaced = displacement_of(shape, places, description, &materials);
             let in_world = (places.len() == 1 && displaced.is_none())
                 .then(|| keys(places[0]))
@@ -253,12 +254,12 @@ fn load_textures(
                     Ok(Arc::new(Texture::constant(colour)))
                 }
                 (Err(fault), None) => {
-                    let fault = fault.at_prim(&source.prim);
-                    let fault = if fault.help.is_some() {
-                        fault
-                    } else {
-                        fault.advise("repair the path, or render with --missing-textures magenta")
-                    };
+                    let mut fault = fault.at_prim(&source.prim);
+                    let go_on = "render with --missing-textures magenta";
+                    fault.help = Some(match fault.help {
+                        Some(help) => format!("{help}, or {go_on}"),
+                        None => format!("repair the path, or {go_on}"),
+                    });
                     Err(fault.into())
                 }
             },
@@ -316,21 +317,36 @@ fn covering<'a>(
         )
 }
 
+/// The primvars that the materials on a shape read and it has.
+///
+/// # Errors
+/// One that it should have had: the file gives it, but not for this mesh.
 fn needed_primvars(
     shape: &scene::Shape,
     places: &[u32],
     description: &Description,
     materials: &[Material],
     unbound: usize,
-) -> Vec<String> {
-    let mut needs: Vec<String> = covering(shape, places, description)
-        .flat_map(|m| materials[m.unwrap_or(unbound)].needs())
-        .filter(|name| shape.mesh.primvar(name).is_some())
-        .map(str::to_owned)
-        .collect();
+) -> Result<Vec<String>, Fault> {
+    let mut needs = Vec::new();
+    for covering in covering(shape, places, description) {
+        for name in materials[covering.unwrap_or(unbound)].needs() {
+            let unusable = shape.unusable_primvars.iter().find(|p| p.name == name);
+            if let Some(unusable) = unusable {
+                let reader =
+                    covering.map_or("the surface's colour", |m| &description.materials[m].path);
+                let mut fault = unusable.fault.clone();
+                fault.message += &format!(", and {reader} reads it");
+                return Err(fault);
+            }
+            if shape.mesh.primvar(name).is_some() {
+                needs.push(name.to_owned());
+            }
+        }
+    }
     needs.sort();
     needs.dedup();
-    needs
+    Ok(needs)
 }
 
 /// The displacing material that covers all of a shape.
@@ -431,7 +447,7 @@ fn studio(camera: &Camera) -> [scene::Light; 2] {
 }
 
 /// Transforms are composed in double precision and used in single.
-fn single(m: &DAffine3) -> Affine3A {
+pub(super) fn single(m: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(m.matrix3.as_mat3(), m.translation.as_vec3())
 }
 

@@ -102,7 +102,12 @@ fn polygons(
 }
 
 /// Levels after which the longest edge is no longer than the dicing rate; each makes four triangles of one.
-fn loop_levels(mesh: &ControlMesh, places: &[Affine3A], camera: &Camera, dicing: &Dicing) -> u32 {
+pub(super) fn loop_levels(
+    mesh: &ControlMesh,
+    places: &[Affine3A],
+    camera: &Camera,
+    dicing: &Dicing,
+) -> u32 {
     const MOST_TRIANGLES: f64 = 4e6;
     let longest = dicing::rates(mesh, places, camera, dicing)
         .into_iter()

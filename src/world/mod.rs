@@ -2,12 +2,14 @@
 
 mod build;
 mod dicing;
+mod estimate;
 mod geometry;
 mod interaction;
 mod shape;
 
 pub use build::{BuildOptions, Built};
 pub use dicing::Dicing;
+pub use estimate::micro_triangles;
 pub use interaction::Interaction;
 
 use crate::accel::Hit;

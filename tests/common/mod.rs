@@ -1,5 +1,7 @@
 //! Renders small scenes for the tests and reads the pictures back.
 
+pub mod program;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 

@@ -253,6 +253,12 @@ impl Reader {
         mesh.face_vertex_counts = self.counts;
         mesh.face_vertex_indices = self.indices;
         mesh.validate()?;
+        if let Some((face, point)) = mesh.repeated_corner() {
+            let line = self.face_lines[face];
+            self.warnings.add("repeated corner", || {
+                format!("line {line}: point {} is more than one corner of the face; remove the repeated ones", point + 1)
+            });
+        }
 
         let path = match self.object {
             Some(object) if self.objects == 1 && !object.is_empty() => format!("/{object}"),
@@ -279,6 +285,7 @@ impl Reader {
             mesh: Arc::new(mesh),
             materials,
             double_sided: true,
+            unusable_primvars: Vec::new(),
         });
         Ok(description)
     }

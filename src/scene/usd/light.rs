@@ -183,7 +183,7 @@ impl Reader {
             ),
         ] {
             if found {
-                self.warn(what, || format!("{path}: {what} are not honoured"));
+                self.warn(what, || format!("{path}: not honoured: {what}"));
             }
         }
     }
