@@ -9,5 +9,6 @@
 
 mod common;
 mod furnace;
+mod lights;
 mod pictures;
 mod usd_oracle;

@@ -86,6 +86,28 @@ pub fn write_scene(folder: &Path, name: &str, body: &str) -> PathBuf {
     path
 }
 
+/// A cube of half-width `h` whose faces look outward, or inward; with or without its top.
+pub fn cube(name: &str, h: f32, inward: bool, open: bool, attributes: &str) -> String {
+    let orientation = if inward { "leftHanded" } else { "rightHanded" };
+    let (count, top) = if open {
+        ("", "")
+    } else {
+        (", 4", ", 4, 7, 6, 5")
+    };
+    format!(
+        r#"
+def Mesh "{name}" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
+    uniform token orientation = "{orientation}"
+    int[] faceVertexCounts = [4, 4, 4, 4, 4{count}]
+    int[] faceVertexIndices = [0, 1, 2, 3, 0, 4, 5, 1, 1, 5, 6, 2, 2, 6, 7, 3, 3, 7, 4, 0{top}]
+    point3f[] points = [(-{h}, -{h}, -{h}), ({h}, -{h}, -{h}), ({h}, -{h}, {h}), (-{h}, -{h}, {h}),
+                        (-{h}, {h}, -{h}), ({h}, {h}, -{h}), ({h}, {h}, {h}), (-{h}, {h}, {h})]
+    {attributes}
+}}
+"#
+    )
+}
+
 /// The folder of shared scenes and values; says so where it is missing.
 pub fn shared(test: &str) -> Option<PathBuf> {
     let folder = std::env::var_os("RELIEVO_SHARED").map(PathBuf::from);
