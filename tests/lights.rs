@@ -10,7 +10,7 @@ use std::path::Path;
 
 use glam::{DAffine3, DMat3, DVec2, DVec3, EulerRot, dvec2, dvec3};
 
-use crate::common::{cube, mean, options, read, run, write_scene};
+use crate::common::{ball, cube, mean, options, read, run, write_scene};
 use relievo::image::{Channel, ChannelFormat, Compression, Part, Picture, write_exr};
 use relievo::integrate::PathOptions;
 use relievo::math::Vec3;
@@ -467,37 +467,6 @@ fn a_room_at_one_temperature_shows_nothing() {
 
 // ---- A hollow ball around a light ----------------------------------------------------------------------------
 
-/// A ball of quads that face inward.
-fn hollow_ball(radius: f64, albedo: f32) -> String {
-    const ROWS: usize = 96;
-    const COLUMNS: usize = 2 * ROWS;
-    let (mut counts, mut indices, mut points) = (Vec::new(), Vec::new(), Vec::new());
-    for row in 0..=ROWS {
-        let (sin, cos) = (PI * row as f64 / ROWS as f64).sin_cos();
-        for column in 0..COLUMNS {
-            let (s, c) = (2.0 * PI * column as f64 / COLUMNS as f64).sin_cos();
-            points.push((radius * sin * c, radius * cos, radius * sin * s));
-            if row < ROWS {
-                let (next, here) = ((column + 1) % COLUMNS, row * COLUMNS);
-                counts.push(4);
-                indices.extend([
-                    here + column,
-                    here + next,
-                    here + COLUMNS + next,
-                    here + COLUMNS + column,
-                ]);
-            }
-        }
-    }
-    format!(
-        "def Mesh \"Ball\" {{\nuniform token orientation = \"leftHanded\"\n\
-         uniform token subdivisionScheme = \"none\"\n\
-         int[] faceVertexCounts = {counts:?}\nint[] faceVertexIndices = {indices:?}\n\
-         point3f[] points = {points:?}\n\
-         color3f[] primvars:displayColor = [({albedo}, {albedo}, {albedo})]\n}}\n"
-    )
-}
-
 /// The wall of a ball of radius R around a light of radius r and radiance L has the same irradiance everywhere:
 /// π L q, with q = r²/R² the light's share of what any point of the wall sees, by the cosine. After n scatterings
 /// it therefore shows `a q L` times the sum of `(a (1 - q))^k` for k from 0 to n - 1: the light takes what meets it.
@@ -510,7 +479,9 @@ fn a_hollow_ball_sums_a_series() {
         .replace("(3.8, -1, 3.8)", "(0.5, 0.2, 2)");
     let light = "def SphereLight \"Light\" { float inputs:radius = 1 }\n";
     for (albedo, bounces) in [(0.5_f32, 1), (0.5, 6), (1.0, 2), (1.0, 12)] {
-        let scene = format!("{camera}{}{light}", hollow_ball(4.0, albedo));
+        let color = format!("color3f[] primvars:displayColor = [({albedo}, {albedo}, {albedo})]");
+        let hollow = ball(4.0, 96, true, false, &color);
+        let scene = format!("{camera}{hollow}{light}");
         let scene = write_scene(folder.path(), "ball.usda", &scene);
         let pixels = picture(&scene, 16, bounces);
         let (a, q) = (f64::from(albedo), 1.0 / 16.0);

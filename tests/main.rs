@@ -11,4 +11,5 @@ mod common;
 mod furnace;
 mod lights;
 mod pictures;
+mod smooth;
 mod usd_oracle;
