@@ -220,6 +220,20 @@ fn power_heuristic(this: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
+/// From clear of the surface to just short of the light's point `distance` along `wi`. It aims at that point, not
+/// along `wi`: beside it, a ray to the limb of a round light would be shadowed by the light itself.
+fn shadow_ray(interaction: &Interaction, wi: Vec3, distance: f32, time: f32) -> Ray {
+    let origin = interaction.leave(wi);
+    if distance.is_infinite() {
+        return Ray::new(origin, wi, time);
+    }
+    let to = interaction.position + distance * wi - origin;
+    let distance = to.length();
+    let mut ray = Ray::new(origin, to / distance, time);
+    ray.t_max = distance * (1.0 - 1e-4);
+    ray
+}
+
 fn direct(
     world: &World,
     interaction: &Interaction,
@@ -251,8 +265,5 @@ fn direct(
         return Vec3::ZERO;
     }
     rays.shadow += 1;
-    let origin = interaction.leave(light.wi);
-    let mut ray = Ray::new(origin, light.wi, time);
-    ray.t_max = light.distance * (1.0 - 1e-4);
-    contribution * world.transmittance(&ray)
+    contribution * world.transmittance(&shadow_ray(interaction, light.wi, light.distance, time))
 }

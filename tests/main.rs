@@ -11,6 +11,8 @@ mod common;
 mod errors;
 mod furnace;
 mod layers;
+mod lights;
 mod manners;
 mod pictures;
+mod smooth;
 mod usd_oracle;

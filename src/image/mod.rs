@@ -8,6 +8,8 @@ mod picture;
 mod png;
 mod source;
 mod temporary;
+#[cfg(test)]
+mod test_files;
 mod texture;
 
 pub use border::version;

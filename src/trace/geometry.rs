@@ -184,6 +184,21 @@ impl Geometry {
         }
     }
 
+    /// As [`surface_point`](Self::surface_point), of the displaced surface where there is displacement, without
+    /// second derivatives there.
+    ///
+    /// # Panics
+    /// As for [`surface_point`](Self::surface_point).
+    pub fn displaced_point(&self, primitive: u32, uv: Vec2, time: f32) -> SurfacePoint {
+        match &self.kind {
+            Kind::Subdivision(surface) if surface.is_displaced() => {
+                assert!(self.is_ready(), "commit the scene before asking for points");
+                surface.displaced_point(&self.handle, primitive, uv, time)
+            }
+            _ => self.surface_point(primitive, uv, time),
+        }
+    }
+
     /// The value of a primvar: `slot` counts in the options' `primvars`; `out` takes as many components as it is
     /// long, at most the primvar's width.
     ///

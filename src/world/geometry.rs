@@ -58,13 +58,7 @@ pub(super) fn geometry(
             };
             let geometry = Geometry::subdivision(device, mesh.clone(), subdivision)?;
             let primvars = needs.iter().map(|n| (n.clone(), width(n))).collect();
-            Ok((
-                geometry,
-                Surface::Subdivision {
-                    primvars,
-                    displaced: displaced.is_some(),
-                },
-            ))
+            Ok((geometry, Surface::Subdivision { primvars }))
         }
         Scheme::Loop => {
             warnings.add("Loop by refinement", || {

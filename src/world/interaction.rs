@@ -11,11 +11,12 @@ use super::shape::{Shape, Surface};
 /// Where a path met a surface. Normals are unit vectors on the side that the ray came from.
 #[derive(Debug, Clone)]
 pub struct Interaction {
-    /// World space; on the limit surface where that lies in front of the traced geometry.
+    /// World space; on the smooth surface where that lies in front of the traced facets.
     pub position: Vec3,
-    /// Of the surface that light sees: the limit surface's normal, or the polygon's.
+    /// Of the surface that light sees: of the limit surface with its displacement, of the surface that a polygon
+    /// mesh's normals imply, or of the polygon.
     pub geometric_normal: Vec3,
-    /// With interpolated normals and normal maps.
+    /// With normal maps.
     pub shading_normal: Vec3,
     /// Face of the control mesh.
     pub face: u32,
@@ -93,7 +94,7 @@ impl World {
             -1.0
         };
         let on_facet = ray.at(hit.t);
-        let point = shape.point(geometry, hit.primitive, hit.uv, ray.time);
+        let point = shape.point(geometry, hit, towards, ray.time);
         let error = RELATIVE_ERROR
             * on_facet
                 .abs()
@@ -102,8 +103,8 @@ impl World {
                 .max(1e-6);
         let mut position = on_facet;
         let mut geometric_normal = facet;
-        if let Some(limit) = point.limit {
-            let normal = normal_to_world(limit.normal);
+        if let Some(smooth) = point.smooth {
+            let normal = normal_to_world(smooth.normal);
             // A degenerate tangent plane, as at some poles, leaves the facet's normal.
             if normal != Vec3::ZERO {
                 geometric_normal = if normal.dot(facet) < 0.0 {
@@ -113,25 +114,19 @@ impl World {
                 };
             }
             // Facets cut the corners of a convex surface: rays that leave from the facet would be shadowed by
-            // their neighbours. The limit point lies in front of them there.
-            let gap = world_from_object.transform_point3(limit.position) - on_facet;
+            // their neighbours. The smooth surface lies in front of them there.
+            let gap = world_from_object.transform_point3(smooth.position) - on_facet;
             let ahead = towards * gap.dot(geometric_normal);
             if ahead > 0.0 && ahead < gap.length() * 1.5 + error {
                 position = on_facet + towards * ahead * geometric_normal;
             }
         }
-        let mut shading_normal = point.shading_normal.map_or(geometric_normal, |n| {
-            let n = normal_to_world(n);
-            if n == Vec3::ZERO {
-                geometric_normal
-            } else if n.dot(facet) < 0.0 {
-                -n
-            } else {
-                n
-            }
-        });
         geometric_normal *= towards;
-        shading_normal *= towards;
+        if geometric_normal.dot(ray.direction) > 0.0 {
+            // Near an outline the facet is seen, and the smooth surface from behind.
+            geometric_normal = bent_towards(geometric_normal, -ray.direction);
+        }
+        let mut shading_normal = geometric_normal;
 
         // Appearance.
         let material = placed
@@ -146,8 +141,9 @@ impl World {
         };
         let resolved = self.materials[material as usize].resolve(&primvars);
         if let Some(map) = resolved.normal {
-            shading_normal = shape
-                .tangents(geometry, hit.primitive, hit.uv, ray.time)
+            shading_normal = self.materials[material as usize]
+                .normal_primvar()
+                .and_then(|name| shape.tangents(geometry, name, hit, ray.time))
                 .map_or(shading_normal, |tangents| {
                     bumped(
                         shading_normal,

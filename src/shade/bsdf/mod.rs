@@ -11,8 +11,12 @@
 //!
 //! GGX alone loses light that meets more than one facet: a white metal of roughness 1 would reflect but half
 //! of it. The specular layer gets it back as a cosine-like lobe (Kulla and Conty, "Revisiting Physically Based
-//! Shading at Imageworks", 2017), so that a white metal reflects all, at any roughness. The coat, whose loss
-//! is at most a few hundredths, does not.
+//! Shading at Imageworks", 2017), so that a white metal reflects all, at any roughness. The coat, of which little
+//! is lost, does not.
+//!
+//! No surface reflects more than it gets, because the tables of [`albedo`] are upper bounds. What white surfaces
+//! lose by that, found by quadrature: at roughness 1 less than 0.1 % from any angle, with a full coat of roughness
+//! 1 on top less than 0.8 %; mirrors half a degree above the horizon 0.6 %, but on average less than 0.1 %.
 //!
 //! All is reciprocal, and one-sided: the caller hands over a frame on the viewer's side.
 

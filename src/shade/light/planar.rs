@@ -67,10 +67,7 @@ impl Planar {
         } else {
             self.x.abs() + self.y.abs()
         };
-        Bounds3 {
-            min: self.centre - reach,
-            max: self.centre + reach,
-        }
+        Bounds3::around(self.centre, reach)
     }
 
     pub(super) fn intersect(&self, ray: &Ray) -> Option<Met> {
