@@ -120,6 +120,18 @@ impl ControlMesh {
         })
     }
 
+    /// Who meets whom in this mesh.
+    ///
+    /// # Panics
+    /// If the mesh is not valid.
+    pub fn topology(&self) -> Topology {
+        Topology::new(
+            &self.face_vertex_counts,
+            self.face_vertex_indices.clone(),
+            self.point_count(),
+        )
+    }
+
     /// Bytes that its arrays hold.
     pub fn memory(&self) -> usize {
         let primvar = |p: &Primvar| 4 * (p.values.len() + p.indices.as_ref().map_or(0, Vec::len));
@@ -155,6 +167,14 @@ impl Primvar {
             .indices
             .as_ref()
             .map_or(i, |indices| indices[i] as usize);
+        self.element(element)
+    }
+
+    /// The element of this number, whatever has it.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn element(&self, element: usize) -> &[f32] {
         let width = self.width as usize;
         &self.values[element * width..][..width]
     }

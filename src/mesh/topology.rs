@@ -12,9 +12,10 @@
 //!     o ------ n
 //! ```
 //!
-//! Edges are numbered in the order in which the faces first run along them.
+//! Edges are numbered in the order in which the faces first run along them. An edge from a vertex to itself, and an
+//! edge that a face runs along twice, is a separate edge each time, as in OpenSubdiv.
 
-/// The incidences of a mesh. Faces have at least three corners and name no vertex twice.
+/// The incidences of a mesh. Faces have at least three corners.
 #[derive(Debug, Clone)]
 pub struct Topology {
     face_starts: Vec<u32>,
@@ -35,38 +36,57 @@ impl Topology {
     /// # Panics
     /// If the counts do not add up to the indices, or an index is not below `vertices`.
     pub fn new(counts: &[u32], corner_vertices: Vec<u32>, vertices: usize) -> Self {
-        let mut face_starts = Vec::with_capacity(counts.len() + 1);
-        face_starts.push(0);
-        let mut corner_faces = Vec::with_capacity(corner_vertices.len());
-        for (face, &count) in (0_u32..).zip(counts) {
-            corner_faces.extend(std::iter::repeat_n(face, count as usize));
-            face_starts.push(corner_faces.len() as u32);
-        }
+        let face_starts = starts(counts);
+        let (corner_edges, edge_vertices) = number_edges(&face_starts, &corner_vertices);
+        Self::with_edges(
+            counts,
+            corner_vertices,
+            corner_edges,
+            edge_vertices,
+            vertices,
+        )
+    }
+
+    /// As [`new`](Self::new), where the edges are known: the one that leaves each corner, and the two ends of each.
+    ///
+    /// # Panics
+    /// If lengths differ or numbers are out of range.
+    pub fn with_edges(
+        counts: &[u32],
+        corner_vertices: Vec<u32>,
+        corner_edges: Vec<u32>,
+        edge_vertices: Vec<[u32; 2]>,
+        vertices: usize,
+    ) -> Self {
+        let face_starts = starts(counts);
         assert_eq!(
-            corner_faces.len(),
+            face_starts[counts.len()] as usize,
             corner_vertices.len(),
             "the counts are not those of the faces"
         );
+        assert_eq!(
+            corner_edges.len(),
+            corner_vertices.len(),
+            "an edge leaves each corner"
+        );
+        let corner_faces = (0_u32..)
+            .zip(counts)
+            .flat_map(|(face, &count)| std::iter::repeat_n(face, count as usize))
+            .collect();
         let mut topology = Self {
             face_starts,
-            corner_edges: vec![0; corner_vertices.len()],
             vertex_corners: Lists::of(vertices, corner_vertices.iter().map(|&v| [v])),
+            vertex_edges: Lists::of(vertices, edge_vertices.iter().copied()),
+            edge_corners: Lists::of(edge_vertices.len(), corner_edges.iter().map(|&e| [e])),
             corner_vertices,
+            corner_edges,
             corner_faces,
-            edge_vertices: Vec::new(),
-            edge_corners: Lists::default(),
+            edge_vertices,
             edge_manifold: Vec::new(),
-            vertex_edges: Lists::default(),
             vertex_manifold: Vec::new(),
         };
-        topology.number_edges();
-        topology.vertex_edges = Lists::of(vertices, topology.edge_vertices.iter().copied());
         topology.edge_manifold = (0..topology.edge_count() as u32)
-            .map(|e| match topology.edge_corners(e) {
-                [_] => true,
-                &[a, b] => topology.vertex(a) != topology.vertex(b),
-                _ => false,
-            })
+            .map(|e| topology.meets_plainly(e))
             .collect();
         topology.vertex_manifold = (0..vertices as u32).map(|v| topology.is_fan(v)).collect();
         topology
@@ -228,35 +248,14 @@ impl Topology {
         4 * words + self.edge_manifold.len() + self.vertex_manifold.len()
     }
 
-    /// Numbers the edges, and gathers the corners of each.
-    fn number_edges(&mut self) {
-        // Sorted by their ends, the corners of an edge lie together, the lowest first.
-        let mut by_ends: Vec<(u32, u32, u32)> = (0..self.corner_count() as u32)
-            .map(|c| {
-                let (a, b) = (self.vertex(c), self.vertex(self.next(c)));
-                (a.min(b), a.max(b), c)
-            })
-            .collect();
-        by_ends.sort_unstable();
-        const NONE: u32 = u32::MAX;
-        let mut first = vec![NONE; self.corner_count()];
-        for group in by_ends.chunk_by(|x, y| (x.0, x.1) == (y.0, y.1)) {
-            for &(_, _, corner) in group {
-                first[corner as usize] = group[0].2;
+    fn meets_plainly(&self, edge: u32) -> bool {
+        let [a, b] = self.edge_vertices(edge);
+        a != b
+            && match self.edge_corners(edge) {
+                [_] => true,
+                &[a, b] => self.vertex(a) != self.vertex(b) && self.face(a) != self.face(b),
+                _ => false,
             }
-        }
-        for corner in 0..self.corner_count() as u32 {
-            let first = first[corner as usize];
-            if first == corner {
-                self.corner_edges[corner as usize] = self.edge_count() as u32;
-                let ends = [self.vertex(corner), self.vertex(self.next(corner))];
-                self.edge_vertices.push(ends);
-            } else {
-                self.corner_edges[corner as usize] = self.corner_edges[first as usize];
-            }
-        }
-        let edges = self.corner_edges.iter().map(|&e| [e]);
-        self.edge_corners = Lists::of(self.edge_count(), edges);
     }
 
     fn is_fan(&self, vertex: u32) -> bool {
@@ -282,6 +281,70 @@ impl Topology {
         }
         met == corners.len()
     }
+}
+
+fn starts(counts: &[u32]) -> Vec<u32> {
+    let mut starts = Vec::with_capacity(counts.len() + 1);
+    starts.push(0);
+    let mut end = 0;
+    for &count in counts {
+        end += count;
+        starts.push(end);
+    }
+    starts
+}
+
+/// The edge that leaves each corner, and the ends of each edge.
+fn number_edges(face_starts: &[u32], corner_vertices: &[u32]) -> (Vec<u32>, Vec<[u32; 2]>) {
+    struct Half {
+        ends: [u32; 2],
+        corner: u32,
+        face: u32,
+    }
+    let mut halves = Vec::with_capacity(corner_vertices.len());
+    for (face, range) in (0_u32..).zip(face_starts.windows(2)) {
+        let corners = &corner_vertices[range[0] as usize..range[1] as usize];
+        for (i, &a) in corners.iter().enumerate() {
+            let b = corners[(i + 1) % corners.len()];
+            halves.push(Half {
+                ends: [a.min(b), a.max(b)],
+                corner: range[0] + i as u32,
+                face,
+            });
+        }
+    }
+    // Sorted by their ends, the corners of an edge lie together, the lowest first.
+    halves.sort_unstable_by_key(|h| (h.ends, h.corner));
+    let mut first: Vec<u32> = (0..corner_vertices.len() as u32).collect();
+    for group in halves.chunk_by(|x, y| x.ends == y.ends) {
+        let mut last_face = None;
+        for half in group {
+            // A face's second run along the same edge is an edge of its own.
+            if half.ends[0] != half.ends[1] && last_face != Some(half.face) {
+                first[half.corner as usize] = group[0].corner;
+                last_face = Some(half.face);
+            }
+        }
+    }
+    let mut corner_edges = vec![0; corner_vertices.len()];
+    let mut edge_vertices = Vec::new();
+    for range in face_starts.windows(2) {
+        for corner in range[0]..range[1] {
+            let first = first[corner as usize];
+            if first == corner {
+                let next = if corner + 1 == range[1] {
+                    range[0]
+                } else {
+                    corner + 1
+                };
+                corner_edges[corner as usize] = edge_vertices.len() as u32;
+                edge_vertices.push([corner, next].map(|c| corner_vertices[c as usize]));
+            } else {
+                corner_edges[corner as usize] = corner_edges[first as usize];
+            }
+        }
+    }
+    (corner_edges, edge_vertices)
 }
 
 /// A list of numbers for each key, all in one array.

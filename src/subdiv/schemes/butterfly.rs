@@ -25,8 +25,8 @@ use std::f64::consts::TAU;
 
 use super::classic::{Rules, Step, holes, numbers};
 use super::sharp::{Kind, Sharp};
-use super::stencils::Stencils;
 use crate::mesh::{ControlMesh, Topology};
+use crate::subdiv::stencils::Stencils;
 
 /// The rules; no step depends on another.
 #[derive(Debug)]

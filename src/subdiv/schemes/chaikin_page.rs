@@ -107,10 +107,7 @@ mod tests {
         assert_eq!(svg.matches("<polyline").count(), 4);
         assert_eq!(svg.matches("<circle").count(), 8);
         // Level 3 of the square has 32 points.
-        let last = svg
-            .lines()
-            .filter(|l| l.starts_with("<polygon"))
-            .next_back();
+        let last = svg.lines().rfind(|l| l.starts_with("<polygon"));
         assert_eq!(last.expect("drawn").matches(',').count(), 32);
         let upright = Polyline {
             points: vec![Vec3::ZERO, Vec3::Z],

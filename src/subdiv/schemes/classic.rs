@@ -14,11 +14,12 @@ use std::collections::HashMap;
 use super::butterfly::Butterfly;
 use super::doo_sabin::DooSabin;
 use super::sqrt3::Sqrt3;
-use super::stencils::Stencils;
 use crate::error::Fault;
+use crate::math::{DVec3, Vec3};
 use crate::mesh::{
     BoundaryInterpolation, ControlMesh, Corner, Crease, Interpolation, Primvar, Scheme, Topology,
 };
+use crate::subdiv::stencils::Stencils;
 
 /// Which scheme.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -43,13 +44,17 @@ pub struct Refined {
     pub ignored_tags: usize,
 }
 
+/// Each corner's point depends on all corners of its face: beyond this the weights of one face fill memory.
+const MOST_CORNERS: usize = 1 << 12;
+
 /// Refines `levels` times.
 ///
 /// Refine to the wanted level in one call: what a step does may depend on the one before (√3 takes its borders along
 /// in every second step; a hole of Doo-Sabin's keeps its size).
 ///
 /// # Errors
-/// A mesh that is not valid, a face with other than three corners for a scheme of triangles, a level at which the
+/// A mesh that is not valid, a face with a point twice, with more than 4096 corners, or with other than three for a
+/// scheme of triangles, a level at which the
 /// corners could not be numbered with 32 bits.
 pub fn refine(mesh: &ControlMesh, scheme: SchemeKind, levels: u32) -> Result<Refined, Fault> {
     check(mesh, scheme)?;
@@ -96,7 +101,7 @@ pub fn refine(mesh: &ControlMesh, scheme: SchemeKind, levels: u32) -> Result<Ref
             ))
             .advise(format!("refine to level {level} at most")));
         }
-        let topology = topology(&refined.mesh);
+        let topology = refined.mesh.topology();
         let step = rules.step(&refined.mesh, &topology);
         let mesh = step.apply(&refined.mesh, &topology);
         let parent = |&f: &u32| refined.parent_face[f as usize];
@@ -146,15 +151,22 @@ pub(super) struct Step<'a> {
     /// The same without smoothing.
     pub(super) linear: Stencils,
     /// Finer corners from coarser corners, given which edges are seams.
-    pub(super) corners: Box<dyn Fn(&[bool]) -> Stencils + 'a>,
+    pub(super) corners: CornerRows<'a>,
 }
+
+/// Makes the rows of finer corners from the coarser mesh's seams, by edge.
+pub(super) type CornerRows<'a> = Box<dyn Fn(&[bool]) -> Stencils + 'a>;
 
 impl Step<'_> {
     fn apply(&self, mesh: &ControlMesh, topology: &Topology) -> ControlMesh {
         ControlMesh {
             face_vertex_counts: self.counts.clone(),
             face_vertex_indices: self.indices.clone(),
-            points: mesh.points.iter().map(|p| self.points.points(p)).collect(),
+            points: mesh
+                .points
+                .iter()
+                .map(|p| points(&self.points, p))
+                .collect(),
             holes: self.holes.clone(),
             primvars: (mesh.primvars.iter())
                 .map(|p| self.primvar(p, topology))
@@ -167,8 +179,12 @@ impl Step<'_> {
     }
 
     fn primvar(&self, primvar: &Primvar, topology: &Topology) -> Primvar {
-        let width = primvar.width as usize;
-        let element = |i| primvar.get(i);
+        let refine = |rows: &Stencils, count: usize| {
+            let elements = (0..count).flat_map(|i| primvar.get(i));
+            let elements: Vec<f64> = elements.map(|&x| f64::from(x)).collect();
+            let values = rows.apply(primvar.width as usize, &elements);
+            values.into_iter().map(|x| x as f32).collect()
+        };
         let (values, indices) = match primvar.interpolation {
             Interpolation::Constant => (primvar.values.clone(), primvar.indices.clone()),
             Interpolation::Uniform => {
@@ -176,11 +192,12 @@ impl Step<'_> {
                 let indices = self.parent_face.iter().map(element).collect();
                 (primvar.values.clone(), Some(indices))
             }
-            Interpolation::Varying => (self.linear.values(width, element), None),
-            Interpolation::Vertex => (self.points.values(width, element), None),
+            Interpolation::Varying => (refine(&self.linear, topology.vertex_count()), None),
+            Interpolation::Vertex => (refine(&self.points, topology.vertex_count()), None),
             Interpolation::FaceVarying => {
                 let stencils = (self.corners)(&seams(primvar, topology));
-                let (values, indices) = share(&stencils.values(width, element), width);
+                let values: Vec<f32> = refine(&stencils, topology.corner_count());
+                let (values, indices) = share(&values, primvar.width as usize);
                 (values, Some(indices))
             }
         };
@@ -190,6 +207,17 @@ impl Step<'_> {
             ..primvar.clone()
         }
     }
+}
+
+/// New points from old ones.
+pub(super) fn points(rows: &Stencils, points: &[Vec3]) -> Vec<Vec3> {
+    let old: Vec<f64> = points
+        .iter()
+        .flat_map(|p| p.as_dvec3().to_array())
+        .collect();
+    let new = rows.apply(3, &old);
+    let point = |p: &[f64]| DVec3::from_slice(p).as_vec3();
+    new.chunks_exact(3).map(point).collect()
 }
 
 /// The edges at which a face-varying primvar has two values at an end. Edges without just two faces are none: no
@@ -224,15 +252,6 @@ fn share(values: &[f32], width: usize) -> (Vec<f32>, Vec<u32>) {
     (shared, indices)
 }
 
-/// The incidences of a mesh whose faces have been checked.
-pub(super) fn topology(mesh: &ControlMesh) -> Topology {
-    Topology::new(
-        &mesh.face_vertex_counts,
-        mesh.face_vertex_indices.clone(),
-        mesh.point_count(),
-    )
-}
-
 fn check(mesh: &ControlMesh, scheme: SchemeKind) -> Result<(), Fault> {
     mesh.validate()?;
     for (face, range) in mesh.faces().enumerate() {
@@ -248,6 +267,13 @@ fn check(mesh: &ControlMesh, scheme: SchemeKind) -> Result<(), Fault> {
         }
         let mut sorted = corners.to_vec();
         sorted.sort_unstable();
+        if corners.len() > MOST_CORNERS {
+            return Err(Fault::new(format!("a face with {} corners", corners.len()))
+                .at_face(face)
+                .advise(format!(
+                    "split it into faces of {MOST_CORNERS} corners at most"
+                )));
+        }
         if let Some(pair) = sorted.windows(2).find(|p| p[0] == p[1]) {
             return Err(Fault::new(format!("point {} is a corner twice", pair[0]))
                 .at_face(face)
@@ -259,7 +285,7 @@ fn check(mesh: &ControlMesh, scheme: SchemeKind) -> Result<(), Fault> {
 
 /// Makes holes of the faces that touch the border, which then is one like any other.
 fn drop_border_faces(mesh: &mut ControlMesh) {
-    let topology = topology(mesh);
+    let topology = mesh.topology();
     let mut at_border = vec![false; topology.vertex_count()];
     for edge in (0..topology.edge_count() as u32).filter(|&e| topology.is_border(e)) {
         for vertex in topology.edge_vertices(edge) {

@@ -1,13 +1,17 @@
 //! What holds for all classical schemes, and the triangle schemes' own truths. Doo-Sabin's are in `doo_sabin_tests`.
 
 use std::collections::HashMap;
+use std::f32::consts::TAU;
+use std::path::Path;
 
 use proptest::prelude::*;
 
-use super::classic::{self, Refined, SchemeKind, refine};
+use super::chaikin_page;
+use super::classic::{Refined, SchemeKind, refine};
 use super::sqrt3;
 use crate::math::Vec3;
 use crate::mesh::{BoundaryInterpolation, ControlMesh, Corner, Crease, Interpolation, Primvar};
+use crate::scene::{LoadOptions, obj};
 
 pub(super) const SCHEMES: [SchemeKind; 3] = [
     SchemeKind::DooSabin,
@@ -32,7 +36,7 @@ fn octahedron() -> ControlMesh {
 
 /// Two poles and a ring of `n`: poles of valence n, the rest of valence 4.
 pub(super) fn bipyramid(n: u32) -> ControlMesh {
-    let angle = |i: u32| std::f32::consts::TAU * i as f32 / n as f32;
+    let angle = |i: u32| TAU * i as f32 / n as f32;
     let mut points: Vec<Vec3> = (0..n)
         .map(|i| Vec3::new(angle(i).cos(), angle(i).sin(), 0.0))
         .collect();
@@ -49,7 +53,7 @@ fn torus(triangles: bool) -> ControlMesh {
     let mut faces = Vec::new();
     for i in 0..m {
         for j in 0..n {
-            let (a, b) = (i as f32 * 1.2566, j as f32 * 1.5708);
+            let [a, b] = [(i, m), (j, n)].map(|(i, n)| TAU * i as f32 / n as f32);
             let r = 2.0 + b.cos();
             points.push(Vec3::new(r * a.cos(), r * a.sin(), b.sin()));
             let quad = [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(x, y)| number(i + x, j + y));
@@ -83,7 +87,7 @@ fn lattice(n: u32, height: impl Fn(f32, f32) -> f32) -> ControlMesh {
 }
 
 fn euler(mesh: &ControlMesh) -> i64 {
-    let t = classic::topology(mesh);
+    let t = mesh.topology();
     let borders = (0..t.edge_count() as u32)
         .filter(|&e| t.is_border(e))
         .count();
@@ -151,7 +155,7 @@ fn two_steps_of_sqrt3_split_each_triangle_into_nine() {
             sharpness: Crease::INFINITE,
         })
         .to_vec();
-    let t = classic::topology(&cage);
+    let t = cage.topology();
     // Each face has texture coordinates of its own: all edges are seams.
     let map = |f: u32, p: Vec3| {
         let f = f as f32;
@@ -412,4 +416,27 @@ fn face_varying_values_without_seams_are_shared() {
             assert_eq!(*elements.entry(v).or_insert(element), element, "{scheme:?}");
         }
     }
+}
+
+#[test]
+fn the_scenes_take_every_scheme() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/schemes");
+    let scene = obj::load(&folder.join("cage.obj"), &LoadOptions::default()).expect("loads");
+    let cage = &scene.shapes[0].mesh;
+    for scheme in SCHEMES {
+        let fine = refine(cage, scheme, 4).expect("triangles").mesh;
+        assert_eq!(fine.validate(), Ok(()));
+        // One border, that of the open arm; it has three corners and no point of its own left over.
+        let t = fine.topology();
+        let borders = (0..t.edge_count() as u32).filter(|&e| t.is_border(e));
+        let expected = match scheme {
+            SchemeKind::DooSabin | SchemeKind::Butterfly => 3 << 4,
+            SchemeKind::Sqrt3 => 3 * 9,
+        };
+        assert_eq!(borders.count(), expected, "{scheme:?}");
+        assert!((0..t.vertex_count() as u32).all(|v| t.is_vertex_manifold(v)));
+    }
+    let curves = obj::load_polylines(&folder.join("curve.obj")).expect("loads");
+    let svg = chaikin_page::draw(&curves, 4).expect("valid");
+    assert!(svg.contains("<polygon") && svg.contains("<polyline"));
 }

@@ -28,8 +28,8 @@
 use std::f64::consts::TAU;
 
 use super::classic::{Rules, Step, holes, numbers};
-use super::stencils::Stencils;
 use crate::mesh::{BoundaryInterpolation, ControlMesh, Topology};
+use crate::subdiv::stencils::Stencils;
 
 /// The rules.
 #[derive(Debug, Default)]
@@ -52,29 +52,27 @@ impl Rules for DooSabin {
             corners.map(|c| hole[topology.face(c) as usize]).collect()
         };
         let hole_points = plan.hole_points(&hole_corners);
-        let mut step = Step {
-            counts: Vec::new(),
-            indices: Vec::new(),
-            parent_face: Vec::new(),
-            holes: Vec::new(),
+        let mut counts = Vec::new();
+        let mut indices = Vec::new();
+        let mut parent_face = Vec::new();
+        let mut hole = Vec::new();
+        plan.faces(|_, corners, parent| {
+            let points = corners.iter().map(|&place| plan.number(place));
+            counts.push(corners.len() as u32);
+            indices.extend(points.clone());
+            parent_face.push(topology.face(parent));
+            hole.push(points.into_iter().all(|p| hole_points[p as usize]));
+        });
+        self.hole_points = Some(hole_points);
+        Step {
+            counts,
+            indices,
+            parent_face,
+            holes: numbers(hole.into_iter()),
             kept_corners: Vec::new(),
             points: plan.points(true),
             linear: plan.points(false),
-            corners: Box::new(|_| Stencils::with_capacity(0)),
-        };
-        let mut hole = Vec::new();
-        plan.faces(|_, corners, parent| {
-            step.counts.push(corners.len() as u32);
-            step.parent_face.push(topology.face(parent));
-            let points = corners.iter().map(|&place| plan.number(place));
-            step.indices.extend(points.clone());
-            hole.push(points.into_iter().all(|p| hole_points[p as usize]));
-        });
-        step.holes = numbers(hole.into_iter());
-        self.hole_points = Some(hole_points);
-        Step {
             corners: Box::new(move |seams| plan.corners(seams)),
-            ..step
         }
     }
 }

@@ -61,7 +61,7 @@ impl DooSabinSurface {
         let mut level = 1;
         loop {
             let refined = classic::refine(mesh, SchemeKind::DooSabin, level)?;
-            let topology = classic::topology(&refined.mesh);
+            let topology = refined.mesh.topology();
             let patches = fans(&topology);
             let is_plain = |f: &Fan| !f.closed || f.corners.len() == 4;
             if patches.iter().all(is_plain) {

@@ -6,7 +6,7 @@ use super::classic::{SchemeKind, refine};
 use super::classic_tests::{bipyramid, mesh, soup};
 use super::doo_sabin_limit::{DooSabinSurface, Sample};
 use crate::math::{DVec3, Vec3};
-use crate::mesh::{BoundaryInterpolation, ControlMesh};
+use crate::mesh::{BoundaryInterpolation, ControlMesh, Interpolation, Primvar};
 
 const SIZE: u32 = 5;
 
@@ -157,7 +157,7 @@ fn regular_patches_are_biquadratic_up_to_the_border() {
         for u in PLACES {
             for v in PLACES {
                 let along = match p.x {
-                    x if x == 0.0 => u / 8.0,
+                    0.0 => u / 8.0,
                     x if x < 0.3 => across(u),
                     x if x > SIZE as f32 - 1.1 => continue,
                     x if x > SIZE as f32 - 1.5 => SIZE as f64 - 1.0 - across(1.0 - u),
@@ -321,6 +321,38 @@ fn a_hole_leaves_out_its_own_part() {
             for &v in &fine.face_vertex_indices[range[h as usize].clone()] {
                 let p = fine.points[0][v as usize];
                 assert!(p.x > 1.0 && p.x < 2.0, "{p}");
+            }
+        }
+    }
+}
+
+#[test]
+fn texture_coordinates_stay_in_their_chart() {
+    // Each face has a chart of its own, or each pair of rows one.
+    for rows_of_chart in [0, 2] {
+        let mut cage = grid();
+        let chart = |face: usize| match rows_of_chart {
+            0 => face,
+            rows => face / (SIZE as usize - 1) / rows,
+        };
+        let values = (0..cage.face_vertex_indices.len()).flat_map(|c| {
+            let p = cage.points[0][cage.face_vertex_indices[c] as usize];
+            [10.0 * chart(c / 4) as f32 + p.x, p.y]
+        });
+        cage.primvars = vec![Primvar {
+            name: "st".into(),
+            interpolation: Interpolation::FaceVarying,
+            width: 2,
+            values: values.collect(),
+            indices: None,
+        }];
+        let fine = refine(&cage, SchemeKind::DooSabin, 3).expect("valid");
+        let st = &fine.mesh.primvars[0];
+        for (face, range) in fine.mesh.faces().enumerate() {
+            let chart = chart(fine.parent_face[face] as usize);
+            for c in range {
+                let s = st.get(c)[0] - 10.0 * chart as f32;
+                assert!((0.0..=SIZE as f32 - 1.0).contains(&s), "face {face}: {s}");
             }
         }
     }

@@ -24,11 +24,11 @@
 //! Face-varying values are linear in each face of the control mesh: after an even step they are those of a split into
 //! nine. After an odd one the triangles that reach over a seam continue one side by the parallelogram.
 
-use super::classic::{self, Rules, Step, holes, numbers};
+use super::classic::{Rules, Step, holes, numbers, points};
 use super::sharp::{Kind, Sharp};
-use super::stencils::Stencils;
 use crate::math::Vec3;
 use crate::mesh::{BoundaryInterpolation, ControlMesh, Corner, Crease, Topology};
+use crate::subdiv::stencils::Stencils;
 
 /// The rules. Every second step needs to know what the first one did.
 #[derive(Debug, Default)]
@@ -57,7 +57,7 @@ pub fn limit(mesh: &ControlMesh) -> Vec<Vec<Vec3>> {
         mesh.face_vertex_counts.iter().all(|&n| n == 3),
         "√3 subdivision is of triangles"
     );
-    let topology = classic::topology(mesh);
+    let topology = mesh.topology();
     let sharp = Sharp::of(mesh, &topology);
     let mut stencils = Stencils::with_capacity(topology.vertex_count());
     for v in 0..topology.vertex_count() as u32 {
@@ -76,7 +76,7 @@ pub fn limit(mesh: &ControlMesh) -> Vec<Vec<Vec3>> {
         }
         stencils.end_row();
     }
-    mesh.points.iter().map(|p| stencils.points(p)).collect()
+    mesh.points.iter().map(|p| points(&stencils, p)).collect()
 }
 
 impl Rules for Sqrt3 {
@@ -84,30 +84,26 @@ impl Rules for Sqrt3 {
         let plan = Plan::of(mesh, topology, self.odd.take());
         let hole = holes(mesh);
         let parent_face: Vec<u32> = plan.triangles.iter().map(|t| t.parent).collect();
-        let step = Step {
-            counts: vec![3; plan.triangles.len()],
+        if !plan.cuts_borders {
+            let mut children = vec![0; topology.face_count()];
+            for (i, &parent) in (0..).zip(&parent_face) {
+                children[parent as usize] = i;
+            }
+            self.odd = Some(Odd {
+                points: topology.vertex_count() as u32,
+                parents: parent_face.clone(),
+                children,
+            });
+        }
+        Step {
+            counts: vec![3; parent_face.len()],
             indices: plan.indices(),
             holes: numbers(parent_face.iter().map(|&f| hole[f as usize])),
             kept_corners: kept_corners(mesh, topology),
             points: plan.points(true),
             linear: plan.points(false),
             parent_face,
-            corners: Box::new(|_| Stencils::with_capacity(0)),
-        };
-        if !plan.cuts_borders {
-            let mut children = vec![0; topology.face_count()];
-            for (i, triangle) in (0..).zip(&plan.triangles) {
-                children[triangle.parent as usize] = i;
-            }
-            self.odd = Some(Odd {
-                points: topology.vertex_count() as u32,
-                parents: step.parent_face.clone(),
-                children,
-            });
-        }
-        Step {
             corners: Box::new(move |seams| plan.corners(seams)),
-            ..step
         }
     }
 }
