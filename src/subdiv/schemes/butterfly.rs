@@ -1,5 +1,5 @@
-//! Nira Dyn, John Gregory, David Levin, *A Butterfly Subdivision Scheme for Surface Interpolation with Tension Control*,
-//! 1990, with the rules for extraordinary vertices of Zorin, Schröder, Sweldens, *Interpolating Subdivision for Meshes
+//! Nira Dyn, John Gregory, David Levin, *A Butterfly Subdivision Scheme for Surface Interpolation with Tension
+//! Control*, 1990, with the rules for extraordinary vertices of Zorin, Schröder, Sweldens, *Interpolating Subdivision for Meshes
 //! with Arbitrary Topology*, 1996.
 //!
 //! Each triangle becomes four. Old points stay, and a new one on each edge is a weighted sum of points around it, so

@@ -1,7 +1,7 @@
 //! A page that shows what Chaikin's algorithm does: polylines with their refinements, as the text of an SVG picture.
 //!
-//! The curves are seen along -z, y upwards. The control polylines are thin and grey with a dot at each point; each level
-//! is a line of its own, from pale to dark, and the last one is thick.
+//! The curves are seen along -z, y upwards. The control polylines are thin and grey with a dot at each point; each
+//! level is a line of its own, from pale to dark, and the last one is thick.
 
 use std::fmt::Write;
 

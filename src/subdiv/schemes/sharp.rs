@@ -9,8 +9,8 @@ pub(super) enum Kind {
     Inner,
     /// A curve passes, to and from these neighbours.
     Curve([u32; 2]),
-    /// Stays where it is: a corner of the border, one tagged as infinitely sharp, a place where curves meet or where fans touch, a point that no face
-    /// uses.
+    /// Stays where it is: a corner of the border, one tagged as infinitely sharp, a place where curves meet or where
+    /// fans touch, a point that no face uses.
     Fixed,
 }
 
