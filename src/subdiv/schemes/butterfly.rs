@@ -1,6 +1,6 @@
 //! Nira Dyn, John Gregory, David Levin, *A Butterfly Subdivision Scheme for Surface Interpolation with Tension
-//! Control*, 1990, with the rules for extraordinary vertices of Zorin, Schröder, Sweldens, *Interpolating Subdivision for Meshes
-//! with Arbitrary Topology*, 1996.
+//! Control*, 1990, with the rules for extraordinary vertices of Zorin, Schröder, Sweldens, *Interpolating Subdivision
+//! for Meshes with Arbitrary Topology*, 1996.
 //!
 //! Each triangle becomes four. Old points stay, and a new one on each edge is a weighted sum of points around it, so
 //! the surface passes through all points of every level. Between vertices of valence 6 the weights are those of the

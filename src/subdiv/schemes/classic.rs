@@ -6,8 +6,8 @@
 //! parent to child.
 //!
 //! None of these schemes has a rule for sharp edges inside the mesh, so creases have no effect, nor have corners, but
-//! for infinitely sharp ones of √3, which stay. What has no effect is counted. Edges that more than two faces share, or
-//! two that disagree which side is the front, count as borders of each of their faces.
+//! for infinitely sharp ones of √3, which stay. What has no effect is counted. Edges that more than two faces share,
+//! or two that disagree which side is the front, count as borders of each of their faces.
 
 use std::collections::HashMap;
 

@@ -13,9 +13,9 @@
 //!
 //! Corner 0 itself is the mean of f0's points, in every step. Around it the step is diagonal in the polygon's
 //! harmonics: the first shrinks by 1/2, the rest by 1/4. So positions are kept relative to the mean and doubled in
-//! each step, which loses no digits however deep (u, v) lies, and converges to the first harmonic alone. From the eigenvector
-//! (points of the next ring are three times as far as the middles of the polygon's edges) the derivatives at the corner
-//! are sums of two neighbours' first harmonics, and the normal is the normal of that harmonic's ellipse.
+//! each step, which loses no digits however deep (u, v) lies, and converges to the first harmonic alone. From the
+//! eigenvector (points of the next ring are three times as far as the middles of the polygon's edges) the derivatives
+//! at the corner are sums of two neighbours' first harmonics, and the normal is the normal of that harmonic's ellipse.
 //!
 //! A border point's patch is a strip: v runs from the border, 0, to the middle of the faces, 1, and the surface is
 //! linear in v where the faces have four corners. A corner that stays has a bilinear quarter.
