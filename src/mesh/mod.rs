@@ -1,5 +1,6 @@
 //! The control mesh: what a file says of a surface, as plain arrays.
 
+mod polyline;
 mod tags;
 mod topology;
 mod triangulate;
@@ -10,6 +11,7 @@ pub use tags::{
     TriangleRule,
 };
 
+pub use polyline::Polyline;
 pub use topology::Topology;
 pub use triangulate::{Triangles, triangulate};
 

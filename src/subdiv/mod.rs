@@ -2,8 +2,10 @@
 //!
 //! [`LimitSurface`] gives any face's limit point and derivatives, alone; [`refine`](uniform::refine) makes a finer
 //! mesh. Both take their masks from `schemes`, one file a scheme, their sharpness from `crease`, and both work on a
-//! `Cage`, which is a mesh's topology with its sharpness at one level. Geometry in, geometry out: nothing here reads
-//! a file, knows Embree or fails; what comes in has passed [`crate::mesh::ControlMesh::validate`].
+//! `Cage`, which is a mesh's topology with its sharpness at one level. [`schemes::classic`] has the textbooks' schemes
+//! that refine in ways of their own, [`schemes::chaikin`] curves. Geometry in, geometry out: nothing here reads a file
+//! or knows Embree. What comes in has passed [`crate::mesh::ControlMesh::validate`], so that nothing fails but the
+//! classical schemes, which do not take every mesh.
 
 mod basis;
 mod cage;
@@ -15,7 +17,7 @@ mod plan;
 mod refine;
 mod regular;
 mod ring;
-mod schemes;
+pub mod schemes;
 mod stencils;
 mod step;
 #[cfg(test)]
