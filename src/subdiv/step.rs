@@ -67,7 +67,7 @@ impl Steps {
         combine: &mut dyn FnMut(Combination) -> u32,
     ) -> Shape {
         let mut number = |combination: Combination| match combination.as_slice() {
-            &[(vertex, weight)] if weight == 1.0 => points[vertex as usize],
+            &[(vertex, 1.0)] => points[vertex as usize],
             terms => combine(
                 terms
                     .iter()
