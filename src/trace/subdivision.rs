@@ -190,8 +190,8 @@ impl Subdivision {
         let uv = self.usable(face, uv);
         let (a, b, f) = keys_around(self.mesh.points.len(), time);
         let at = |key: usize| {
-            let mut p = [[0.0_f32; 3]; 6];
-            let [position, du, dv, duu, dvv, duv] = &mut p;
+            let mut p = [[0.0_f32; 3]; 3];
+            let [position, du, dv] = &mut p;
             let args = sys::RTCInterpolateArguments {
                 geometry: handle.raw(),
                 primID: face,
@@ -202,10 +202,8 @@ impl Subdivision {
                 P: position.as_mut_ptr(),
                 dPdu: du.as_mut_ptr(),
                 dPdv: dv.as_mut_ptr(),
-                ddPdudu: duu.as_mut_ptr(),
-                ddPdvdv: dvv.as_mut_ptr(),
-                ddPdudv: duv.as_mut_ptr(),
                 valueCount: 3,
+                ..Default::default()
             };
             // SAFETY: the geometry is in a committed scene (the caller or the twin sees to it), face and
             // parameters are in range, and each array takes the three numbers.
@@ -218,15 +216,8 @@ impl Subdivision {
                 *p = p.lerp(q, f);
             }
         }
-        let [position, du, dv, duu, dvv, duv] = p;
-        SurfacePoint {
-            position,
-            du,
-            dv,
-            duu,
-            duv,
-            dvv,
-        }
+        let [position, du, dv] = p;
+        SurfacePoint { position, du, dv }
     }
 
     pub(super) fn primvar(&self, own: &Handle, slot: usize, face: u32, uv: Vec2, out: &mut [f32]) {
