@@ -21,7 +21,7 @@ use crate::scene::{self, AspectRatioConform, Description, LoadOptions};
 use crate::shade::camera::{Camera, CameraOptions};
 use crate::shade::filter::Filter;
 use crate::shade::sampler::Sampler;
-use crate::stats::{Bytes, Rays, SceneCounts, Stats};
+use crate::stats::{Bytes, Rays, SceneCounts, Stage, Stats};
 use crate::trace::{Device, DeviceOptions};
 use crate::world::{BuildOptions, World};
 
@@ -193,7 +193,9 @@ pub fn render(
     stats.threads = pool.current_num_threads();
     stats.rays = counters.rays();
     stats.non_finite_samples = counters.non_finite.load(Ordering::Relaxed);
-    stats.mrays_per_second = stats.rays.total() as f64 / 1e6 / stats.seconds("render").max(1e-9);
+    let (rays, seconds) = (stats.rays.total() as f64, stats.seconds("render"));
+    stats.mrays_per_second = rays / 1e6 / seconds.max(1e-9);
+    stats.nanoseconds_per_ray = 1e9 * seconds * stats.threads as f64 / rays.max(1.0);
     progress.stage("write", 1);
     let record = output::Record {
         stats: &stats,
@@ -203,10 +205,7 @@ pub fn render(
     };
     let start = std::time::Instant::now();
     let written = options.output.write(&film, &record);
-    stats.stages.push(crate::stats::Stage {
-        name: "write",
-        seconds: start.elapsed().as_secs_f64(),
-    });
+    stats.stages.push(Stage::ended("write", start));
     progress.finish();
     written?;
     if let Some(path) = &options.output.stats {
