@@ -273,6 +273,7 @@ impl Job<'_> {
     fn tile(&self, tile: &mut Tile, samples: std::ops::Range<u32>, counters: &Counters) {
         let mut rays = Rays::default();
         let mut non_finite = 0;
+        let moves = self.world.moves || self.camera.moves();
         for (i, pixel) in tile.pixels.iter_mut().enumerate() {
             let at = [
                 tile.origin[0] + i as u32 % tile.size[0],
@@ -281,21 +282,15 @@ impl Job<'_> {
             for sample in samples.clone() {
                 let sampler = Sampler::new(at, sample, self.options.seed);
                 let [film_u, film_v, lens_u, lens_v] = sampler.set(0);
-                let [time, ..] = sampler.set(TIME_SET);
+                let time = if moves { sampler.set(TIME_SET)[0] } else { 0.0 };
                 let offset = self.options.filter.sample([film_u, film_v]);
                 let film = Vec2::new(at[0] as f32 + 0.5, at[1] as f32 + 0.5) + offset;
                 let ray = self.camera.ray(film, [lens_u, lens_v], time);
-                let depth = |p| self.camera.depth(p, time);
-                let mut found = path(
-                    self.world,
-                    &self.options.path,
-                    ray,
-                    &sampler,
-                    &depth,
-                    &mut rays,
-                );
+                let mut found = path(self.world, &self.options.path, ray, &sampler, &mut rays);
                 found.radiance *= self.exposure;
-                non_finite += u64::from(pixel.add(&found, offset.length()).is_err());
+                let depth = |p| self.camera.depth(p, time);
+                let added = pixel.add(&found, offset.length(), depth);
+                non_finite += u64::from(added.is_err());
             }
         }
         counters.add(rays, non_finite);
