@@ -118,12 +118,22 @@ fn limit_points(c: &mut Criterion) {
     }
 }
 
+/// A path's first four sets of four dimensions, and the same from the crate without tables.
 fn samples(c: &mut Criterion) {
+    let mut group = c.benchmark_group("16 dimensions of a sample");
     let mut pixel = 0;
-    c.bench_function("four dimensions of a sample", |b| {
+    group.bench_function("tables", |b| {
         b.iter(|| {
             pixel += 1;
-            Sampler::new([pixel, 7], 5, 0).set(3)
+            let sampler = Sampler::new([pixel, 7], 5, 0);
+            [0, 1, 2, 3].map(|set| sampler.set(set))
+        });
+    });
+    group.bench_function("bit by bit", |b| {
+        b.iter(|| {
+            pixel += 1;
+            let seed = pixel.wrapping_mul(0x9e37_79b9);
+            [0, 1, 2, 3].map(|set| sobol_burley::sample_4d(5, set, seed))
         });
     });
 }
