@@ -8,7 +8,7 @@
 //! is hashed into the seed. Each block is stratified in itself, and independent of the others.
 //!
 //! The crate computes a Sobol number bit by bit of the sample's number, with a jump that no processor foresees.
-//! Here it comes from tables, four bits at a time, to the same numbers in a third of the time; what is left of the
+//! Here it comes from tables, four bits at a time, to the same numbers in less time; what is left of the
 //! crate's `sample_4d` is put together from its parts.
 
 use std::sync::LazyLock;
