@@ -179,7 +179,7 @@ impl Output {
                     }
                     Aov::Albedo => put(&pixel.albedo().to_array()),
                     Aov::Normal => put(&pixel.normal().to_array()),
-                    Aov::Depth => put(&[first.map_or(f32::INFINITY, |f| f.depth)]),
+                    Aov::Depth => put(&[pixel.depth().unwrap_or(f32::INFINITY)]),
                     Aov::Position => put(&first.map_or([0.0; 3], |f| f.position.to_array())),
                     Aov::FaceId => put(&[f32::from_bits(first.map_or(u32::MAX, |f| f.face))]),
                     Aov::ObjectId => put(&[f32::from_bits(first.map_or(0, |f| f.object))]),

@@ -205,23 +205,16 @@ impl Subdivision {
                 *p = p.lerp(q, f);
             }
         }
-        let [position, du, dv, duu, dvv, duv] = p;
-        SurfacePoint {
-            position,
-            du,
-            dv,
-            duu,
-            duv,
-            dvv,
-        }
+        let [position, du, dv] = p;
+        SurfacePoint { position, du, dv }
     }
 
-    /// At a motion key: the point, its derivatives by u and v, and those by uu, vv and uv.
-    fn point_at(&self, own: &Handle, face: u32, uv: Vec2, key: usize) -> [Vec3; 6] {
+    /// At a motion key: the point and its derivatives by u and v.
+    fn point_at(&self, own: &Handle, face: u32, uv: Vec2, key: usize) -> [Vec3; 3] {
         let handle = self.twin.as_ref().map_or(own, |t| &t.handle);
         let uv = self.usable(face, uv);
-        let mut p = [[0.0_f32; 3]; 6];
-        let [position, du, dv, duu, dvv, duv] = &mut p;
+        let mut p = [[0.0_f32; 3]; 3];
+        let [position, du, dv] = &mut p;
         let args = sys::RTCInterpolateArguments {
             geometry: handle.raw(),
             primID: face,
@@ -232,10 +225,8 @@ impl Subdivision {
             P: position.as_mut_ptr(),
             dPdu: du.as_mut_ptr(),
             dPdv: dv.as_mut_ptr(),
-            ddPdudu: duu.as_mut_ptr(),
-            ddPdvdv: dvv.as_mut_ptr(),
-            ddPdudv: duv.as_mut_ptr(),
             valueCount: 3,
+            ..Default::default()
         };
         // SAFETY: the geometry is in a committed scene (the caller or the twin sees to it), face and
         // parameters are in range, and each array takes the three numbers.
@@ -291,12 +282,11 @@ impl Subdivision {
             position,
             du: along(Vec2::X),
             dv: along(Vec2::Y),
-            ..SurfacePoint::default()
         }
     }
 
     fn displaced_at(&self, own: &Handle, face: u32, uv: Vec2, key: usize) -> Vec3 {
-        let [position, du, dv, ..] = self.point_at(own, face, uv, key);
+        let [position, du, dv] = self.point_at(own, face, uv, key);
         self.displaced(face, uv, key as u32, position, du.cross(dv))
     }
 

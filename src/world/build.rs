@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::dicing::Dicing;
 use super::geometry::geometry;
 use super::shape::Shape;
+use super::worn::Worn;
 use super::{Entry, Placed, World};
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
@@ -59,7 +60,7 @@ impl World {
         let mut warnings = Warnings::default();
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
-        let (materials, unbound) = materials(description, &textures, options);
+        let (mut materials, unbound) = materials(description, &textures, options);
 
         // Where each shape stands, and whether it can be built in world space right away.
         let mut places: Vec<Vec<u32>> = vec![Vec::new(); description.shapes.len()];
@@ -77,6 +78,7 @@ impl World {
         let mut placed: Vec<Option<Placed>> =
             (0..description.placements.len()).map(|_| None).collect();
         let mut bounds = Bounds3::EMPTY;
+        let mut transparent = false;
         for (number, (shape, places)) in description.shapes.iter().zip(&places).enumerate() {
             go_on_or_stop(go_on, 0.5 * number as f64 / description.shapes.len() as f64)?;
             let keys = |place: u32| -> Vec<Affine3A> {
@@ -119,14 +121,14 @@ impl World {
                 &mut warnings,
             )
             .map_err(|e| name_shape(e, description, shape))?;
-            shapes.push(Shape::new(
-                surface,
-                &shape.materials,
-                shape.mesh.face_count(),
-                unbound as u32,
-            ));
+            let mut worn = Worn::new(shape, places, description);
+            let mut number_of = |m: usize| worn.number(m, &mut materials);
+            let faces = shape.mesh.face_count();
+            shapes.push(Shape::new(surface, &shape.materials, faces, |m| {
+                number_of(m.unwrap_or(unbound))
+            }));
 
-            let place_of = |place: u32, keys: Vec<Affine3A>| {
+            let mut place_of = |place: u32, keys: Vec<Affine3A>| {
                 let placement = &description.placements[place as usize];
                 Placed {
                     shape: number as u32,
@@ -134,8 +136,8 @@ impl World {
                     world_from_object: keys,
                     material: placement
                         .material
-                        .map(|m| m as u32)
-                        .filter(|_| options.clay.is_none()),
+                        .filter(|_| options.clay.is_none())
+                        .map(&mut number_of),
                     display_color: placement.display_color.map(Into::into),
                 }
             };
@@ -156,6 +158,7 @@ impl World {
                     placed[place as usize] = Some(place_of(place, keys(place)));
                 }
             }
+            transparent |= worn.transparent;
         }
 
         let lights = lights(
@@ -176,7 +179,6 @@ impl World {
         for (id, entry) in entries {
             by_number[id as usize] = entry;
         }
-        let transparent = materials.iter().any(Material::may_be_transparent);
         let world = Self {
             scene,
             entries: by_number,
@@ -190,6 +192,8 @@ impl World {
                 .any(|i| lights.multipliers(i) != [1.0, 1.0]),
             lights,
             transparent,
+            moves: description.shapes.iter().any(|s| s.mesh.points.len() > 1)
+                || (description.placements.iter()).any(|p| p.world_from_object.len() > 1),
         };
         Ok(Built {
             world,

@@ -48,15 +48,21 @@ pub(super) struct SmoothPoint {
 }
 
 impl Shape {
-    pub(super) fn new(surface: Surface, binding: &Binding, faces: usize, unbound: u32) -> Self {
-        let number = |m: Option<usize>| m.map_or(unbound, |m| m as u32);
+    /// `number` gives a material of the binding its number in the world.
+    pub(super) fn new(
+        surface: Surface,
+        binding: &Binding,
+        faces: usize,
+        mut number: impl FnMut(Option<usize>) -> u32,
+    ) -> Self {
         let mut materials = vec![number(binding.whole)];
         if !binding.subsets.is_empty() {
             materials.resize(faces, materials[0]);
             for subset in &binding.subsets {
+                let number = number(subset.material);
                 for &face in &subset.faces {
                     if let Some(material) = materials.get_mut(face as usize) {
-                        *material = number(subset.material);
+                        *material = number;
                     }
                 }
             }

@@ -55,7 +55,7 @@ fn reflected(bsdf: &Bsdf, cos: f32) -> Vec3 {
         || (0..SAMPLES).map(|k| [k * STEP % SAMPLES, k].map(|n| (n as f32 + 0.5) / SAMPLES as f32));
     let near_horizon = |cos: f32| 1.0 / (2.0 * PI * 4.0 * cos.powf(0.75));
     let wo = slanted(cos);
-    let viewed = bsdf.viewed_from(wo).expect("above the horizon");
+    let viewed = bsdf.seen_from(wo).expect("above the horizon");
     let mut before = 0.0;
     let mut sum = glam::DVec3::ZERO;
     for pick in viewed.pick {
