@@ -14,6 +14,7 @@ pub mod image;
 pub mod integrate;
 pub mod math;
 pub mod mesh;
+pub mod nurbs;
 pub mod render;
 pub mod scene;
 pub mod shade;

@@ -1,9 +1,11 @@
-//! The control mesh: what a file says of a surface, as plain arrays.
+//! The control mesh and the NURBS patch: what a file says of a surface, as plain arrays.
 
+mod nurbs;
 mod tags;
 mod triangulate;
 mod validate;
 
+pub use nurbs::{MAX_ORDER, NurbsDirection, NurbsForm, NurbsPatch, TrimCurve, TrimLoop};
 pub use tags::{
     BoundaryInterpolation, Corner, Crease, CreaseMethod, FaceVaryingInterpolation, Scheme,
     TriangleRule,
@@ -49,7 +51,7 @@ pub struct ControlMesh {
     pub normals: Option<Primvar>,
 }
 
-/// Values on a mesh, of `width` components each.
+/// Values on a mesh or patch, of `width` components each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Primvar {
     /// Its name without `primvars:`.
@@ -118,7 +120,6 @@ impl ControlMesh {
 
     /// Bytes that its arrays hold.
     pub fn memory(&self) -> usize {
-        let primvar = |p: &Primvar| 4 * (p.values.len() + p.indices.as_ref().map_or(0, Vec::len));
         4 * (self.face_vertex_counts.len() + self.face_vertex_indices.len() + self.holes.len())
             + self
                 .points
@@ -131,7 +132,7 @@ impl ControlMesh {
                 .primvars
                 .iter()
                 .chain(&self.normals)
-                .map(primvar)
+                .map(Primvar::memory)
                 .sum::<usize>()
     }
 }
@@ -140,6 +141,11 @@ impl Primvar {
     /// How many elements `values` holds.
     pub fn elements(&self) -> usize {
         self.values.len() / self.width.max(1) as usize
+    }
+
+    /// Bytes that its arrays hold.
+    pub fn memory(&self) -> usize {
+        4 * (self.values.len() + self.indices.as_ref().map_or(0, Vec::len))
     }
 
     /// Element `i` of the point, face or corner with that number (0 for a constant), through the indices.
