@@ -179,7 +179,7 @@ fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 3] {
                 let mine = placement.world_from_object[0];
                 assert!(near(mine, matrix(prim, time)), "{place}: {mine:?}");
                 let shape = &description.shapes[placement.shape];
-                compare_mesh(&place, &shape.mesh, prim, time);
+                compare_mesh(&place, shape.geometry.mesh().unwrap(), prim, time);
                 let theirs = prim["mat_full"].as_str().unwrap_or_default();
                 let material = placement.material.or(shape.materials.whole);
                 let mine = material.map(|m| description.materials[m].path.as_str());

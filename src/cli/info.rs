@@ -56,10 +56,10 @@ impl Info {
                 camera.shutter[1]
             );
         }
-        let meshes = || scene.shapes.iter().map(|s| &s.mesh);
-        let faces: usize = meshes().map(|m| m.face_count()).sum();
+        let meshes = || scene.shapes.iter().filter_map(|s| s.geometry.mesh());
+        let faces: usize = scene.shapes.iter().map(|s| s.geometry.face_count()).sum();
         println!(
-            "  meshes      {} in {} places, {faces} faces",
+            "  surfaces    {} in {} places, {faces} faces",
             scene.shapes.len(),
             scene.placements.len()
         );
@@ -73,6 +73,10 @@ impl Info {
             if count > 0 {
                 println!("    {name:13} {count}");
             }
+        }
+        let patches = scene.shapes.len() - meshes().count();
+        if patches > 0 {
+            println!("    {:13} {patches}", "NURBS patches");
         }
         let creases = meshes().map(|m| m.creases.len()).sum::<usize>();
         let infinite = meshes()
@@ -91,23 +95,23 @@ impl Info {
         println!("  lights      {}", scene.lights.len());
         println!("  materials   {}", scene.materials.len());
         println!("  textures    {}", scene.textures.len());
-        let bytes: usize = meshes().map(|m| m.memory()).sum();
+        let bytes: usize = scene.shapes.iter().map(|s| s.geometry.memory()).sum();
         println!(
-            "  memory      {:.1} MB of control meshes",
+            "  memory      {:.1} MB of control points and faces",
             bytes as f64 / 1e6
         );
         if self.long {
             for shape in &scene.shapes {
                 let names: BTreeSet<&str> = shape
-                    .mesh
-                    .primvars
+                    .geometry
+                    .primvars()
                     .iter()
                     .map(|p| p.name.as_str())
                     .collect();
                 println!(
                     "  mesh        {}  {} faces, primvars {names:?}",
                     shape.path,
-                    shape.mesh.face_count()
+                    shape.geometry.face_count()
                 );
             }
             for light in &scene.lights {

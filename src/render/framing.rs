@@ -58,9 +58,8 @@ fn missing(description: &Description, name: &str) -> Error {
 fn around(description: &Description) -> Result<Camera> {
     let mut bounds = Bounds3::EMPTY;
     for placement in &description.placements {
-        let mesh = &description.shapes[placement.shape].mesh;
+        let corners = description.shapes[placement.shape].geometry.used_bounds();
         for key in &placement.world_from_object {
-            let corners = Bounds3::of(mesh.used_points());
             bounds = bounds.union(corners.transformed(&glam::Affine3A::from_mat3_translation(
                 key.matrix3.as_mat3(),
                 key.translation.as_vec3(),

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::dicing::Dicing;
 use super::geometry::geometry;
+use super::patch::Diced;
 use super::shape::Shape;
 use super::{Entry, Placed, World};
 use crate::error::{Error, Result, Warnings};
@@ -88,22 +89,36 @@ impl World {
             };
             for &place in places {
                 for key in keys(place) {
-                    bounds = bounds.union(shape.mesh.bounds().transformed(&key));
+                    bounds = bounds.union(shape.geometry.bounds().transformed(&key));
                 }
             }
             let needs = needed_primvars(shape, places, description, &materials, unbound);
             let displaced = displacement_of(shape, places, description, &materials);
+            let whole: Vec<Affine3A> = places.iter().flat_map(|&p| keys(p)).collect();
+            let (control, diced) = match &shape.geometry {
+                scene::Geometry::Mesh(mesh) => (mesh.clone(), None),
+                scene::Geometry::Nurbs(patch) => {
+                    let diced = Diced::new(
+                        patch,
+                        &whole,
+                        camera,
+                        &options.dicing,
+                        &shape.path,
+                        &mut warnings,
+                    )
+                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
+                    (diced.mesh, Some(diced.faces))
+                }
+            };
             let in_world = (places.len() == 1 && displaced.is_none())
                 .then(|| keys(places[0]))
                 .filter(|keys| keys.len() == 1)
                 .map(|keys| keys[0]);
-            let mesh = in_world.map_or_else(
-                || shape.mesh.clone(),
-                |m| Arc::new(in_space(&shape.mesh, &m)),
-            );
+            let mesh =
+                in_world.map_or_else(|| control.clone(), |m| Arc::new(in_space(&control, &m)));
             let stands: Vec<Affine3A> = match in_world {
                 Some(_) => vec![Affine3A::IDENTITY],
-                None => places.iter().flat_map(|&p| keys(p)).collect(),
+                None => whole,
             };
             let displaced = displaced.map(|m| &materials[m]);
             let (geometry, surface) = geometry(
@@ -114,6 +129,7 @@ impl World {
                 &stands,
                 camera,
                 options,
+                diced.as_deref(),
                 &shape.path,
                 &mut warnings,
             )
@@ -121,7 +137,7 @@ impl World {
             shapes.push(Shape::new(
                 surface,
                 &shape.materials,
-                shape.mesh.face_count(),
+                shape.geometry.face_count(),
                 unbound as u32,
             ));
 
@@ -325,7 +341,7 @@ fn needed_primvars(
 ) -> Vec<String> {
     let mut needs: Vec<String> = covering(shape, places, description)
         .flat_map(|m| materials[m.unwrap_or(unbound)].needs())
-        .filter(|name| shape.mesh.primvar(name).is_some())
+        .filter(|name| shape.geometry.primvar(name).is_some())
         .map(str::to_owned)
         .collect();
     needs.sort();

@@ -22,6 +22,50 @@ impl Default for Dicing {
     }
 }
 
+impl Dicing {
+    /// Segments for an edge of this many pixels: a whole number from 1.
+    pub(super) fn segments(&self, pixels: f32) -> f32 {
+        (pixels / self.rate)
+            .ceil()
+            .clamp(1.0, self.max_segments as f32)
+    }
+}
+
+/// The places of a shape that decide how finely it is diced, as the camera sees them.
+pub(super) struct View<'a> {
+    places: Vec<(f32, &'a Affine3A)>,
+    camera: &'a Camera,
+}
+
+/// Places of one shape that are looked at one by one.
+const MOST_PLACES: usize = 16;
+
+impl<'a> View<'a> {
+    /// Of a shape within `bounds`. Many instances: only the nearest decide, and there are never many nearest ones.
+    pub(super) fn new(bounds: &Bounds3, places: &'a [Affine3A], camera: &'a Camera) -> Self {
+        let nearest = |bounds: &Bounds3| camera.position().clamp(bounds.min, bounds.max);
+        let mut places: Vec<(f32, &Affine3A)> = places
+            .iter()
+            .map(|p| (camera.pixels_per_unit(nearest(&bounds.transformed(p))), p))
+            .collect();
+        places.sort_by(|a, b| b.0.total_cmp(&a.0));
+        places.truncate(MOST_PLACES);
+        Self { places, camera }
+    }
+
+    /// Length of the straight line from `a` to `b` in pixels, where it is longest.
+    pub(super) fn pixels(&self, a: Vec3, b: Vec3) -> f32 {
+        self.places
+            .iter()
+            .map(|(_, place)| {
+                let (a, b) = (place.transform_point3(a), place.transform_point3(b));
+                let end = |p| self.camera.pixels_per_unit(p);
+                a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
+            })
+            .fold(0.0, f32::max)
+    }
+}
+
 /// Segments for each half-edge of `mesh` (for the edge from a corner to the face's next one), enough for each of
 /// the places in which the mesh stands.
 pub(super) fn rates(
@@ -31,20 +75,7 @@ pub(super) fn rates(
     dicing: &Dicing,
 ) -> Vec<f32> {
     let points = &mesh.points[0];
-    let bounds = Bounds3::of(points.iter().copied());
-    // Many instances: only the nearest decide, and there are never many nearest ones.
-    let mut places: Vec<(f32, &Affine3A)> = places
-        .iter()
-        .map(|p| {
-            (
-                camera.pixels_per_unit(nearest(&bounds.transformed(p), camera)),
-                p,
-            )
-        })
-        .collect();
-    places.sort_by(|a, b| b.0.total_cmp(&a.0));
-    places.truncate(MOST_PLACES);
-
+    let view = View::new(&Bounds3::of(points.iter().copied()), places, camera);
     let mut rates = vec![1.0; mesh.face_vertex_indices.len()];
     for range in mesh.faces() {
         let corners = &mesh.face_vertex_indices[range.clone()];
@@ -52,26 +83,10 @@ pub(super) fn rates(
             let b = corners[(i + 1) % corners.len()];
             // The same arithmetic from either side of the edge: ends in the order of their numbers.
             let (a, b) = (points[a.min(b) as usize], points[a.max(b) as usize]);
-            let pixels = places
-                .iter()
-                .map(|(_, place)| {
-                    let (a, b) = (place.transform_point3(a), place.transform_point3(b));
-                    let end = |p| camera.pixels_per_unit(p);
-                    a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
-                })
-                .fold(0.0, f32::max);
-            let segments = (pixels / dicing.rate).ceil();
-            rates[range.start + i] = segments.clamp(1.0, dicing.max_segments as f32);
+            rates[range.start + i] = dicing.segments(view.pixels(a, b));
         }
     }
     rates
-}
-
-/// Places of one mesh that are looked at one by one.
-const MOST_PLACES: usize = 16;
-
-fn nearest(bounds: &Bounds3, camera: &Camera) -> Vec3 {
-    camera.position().clamp(bounds.min, bounds.max)
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ mod build;
 mod dicing;
 mod geometry;
 mod interaction;
+mod patch;
 mod shape;
 
 pub use build::{BuildOptions, Built};

@@ -107,7 +107,7 @@ fn loop_cages_agree_with_opensubdiv() {
         let (cage, rule) = cage.split_once('.').unwrap_or((cage, ""));
         let path = shared.join(format!("assets/opensubdiv/{cage}.obj"));
         let scene = obj::load(&path, &LoadOptions::default()).expect("loads");
-        let mut mesh = ControlMesh::clone(&scene.shapes[0].mesh);
+        let mut mesh = ControlMesh::clone(scene.shapes[0].geometry.mesh().expect("a mesh"));
         match rule {
             "none" => mesh.boundary = BoundaryInterpolation::None,
             "edgeOnly" => mesh.boundary = BoundaryInterpolation::EdgeOnly,

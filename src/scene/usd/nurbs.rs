@@ -1,0 +1,163 @@
+//! UsdGeomNurbsPatch.
+
+use openusd::tf::Token;
+use openusd::usd::Prim;
+
+use super::value;
+use super::walk::{Reader, State};
+use crate::error::Fault;
+use crate::mesh::{
+    Interpolation, NurbsDirection, NurbsForm, NurbsPatch, Primvar, TrimCurve, TrimLoop,
+};
+
+impl Reader {
+    /// The patch itself; `None`, with a warning, if it has no points.
+    pub(super) fn nurbs_patch(
+        &mut self,
+        prim: &Prim,
+        names: &[Token],
+        state: &State,
+    ) -> Result<Option<NurbsPatch>, Fault> {
+        let path = prim.path().as_str().to_owned();
+        let points = self.points(prim);
+        let [u, v] = [self.direction(prim, 'u')?, self.direction(prim, 'v')?];
+        if points.iter().all(Vec::is_empty) && u.count * v.count == 0 {
+            self.warn("empty patch", || {
+                format!("{path}: the patch has no points; it is left out")
+            });
+            return Ok(None);
+        }
+        let mut primvars = self.primvars(prim, names)?;
+        for inherited in state.inherited.primvars.iter() {
+            if primvars.iter().all(|own| own.name != inherited.name) {
+                primvars.push(inherited.clone());
+            }
+        }
+        let patch = NurbsPatch {
+            u,
+            v,
+            points,
+            weights: self
+                .doubles(prim, "pointWeights")
+                .filter(|weights| !weights.is_empty()),
+            trims: self.trims(prim)?,
+            left_handed: self.word(prim, "orientation").as_deref() == Some("leftHanded"),
+            primvars: self.of_patches(prim, primvars),
+        };
+        patch.validate()?;
+        Ok(Some(patch))
+    }
+
+    fn direction(&self, prim: &Prim, name: char) -> Result<NurbsDirection, Fault> {
+        let form = self.word(prim, &format!("{name}Form")).unwrap_or_default();
+        Ok(NurbsDirection {
+            order: self.count(prim, &format!("{name}Order"))?,
+            count: self.count(prim, &format!("{name}VertexCount"))?,
+            knots: self
+                .doubles(prim, &format!("{name}Knots"))
+                .unwrap_or_default(),
+            range: self
+                .doubles(prim, &format!("{name}Range"))
+                .and_then(|range| range.first_chunk::<2>().copied()),
+            form: match form.as_str() {
+                "closed" => NurbsForm::Closed,
+                "periodic" => NurbsForm::Periodic,
+                _ => NurbsForm::Open,
+            },
+        })
+    }
+
+    /// A whole number from 0; 0 if there is none.
+    fn count(&self, prim: &Prim, name: &str) -> Result<usize, Fault> {
+        let number = self.number(prim, name).unwrap_or(0.0);
+        if (0.0..=f64::from(u32::MAX)).contains(&number) {
+            Ok(number as usize)
+        } else {
+            Err(Fault::new(format!("{name} is {number}"))
+                .advise("orders and counts are whole numbers above 0"))
+        }
+    }
+
+    fn doubles(&self, prim: &Prim, name: &str) -> Option<Vec<f64>> {
+        self.value(prim, name).and_then(value::doubles)
+    }
+
+    /// The loops of trim curves, taken out of the flat arrays that hold one entry a curve.
+    fn trims(&self, prim: &Prim) -> Result<Vec<TrimLoop>, Fault> {
+        let whole = |name: &str| -> Result<Vec<usize>, Fault> {
+            let name = format!("trimCurve:{name}");
+            let values =
+                super::primvar::to_u32(self.integers(prim, &name), || format!("{name} hold"))?;
+            Ok(values.into_iter().map(|v| v as usize).collect())
+        };
+        let numbers = |name: &str| {
+            self.doubles(prim, &format!("trimCurve:{name}"))
+                .unwrap_or_default()
+        };
+        let (loops, orders, counts) = (whole("counts")?, whole("orders")?, whole("vertexCounts")?);
+        let (knots, ranges, points) = (numbers("knots"), numbers("ranges"), numbers("points"));
+        let curves = sum(&loops);
+        for (name, found, needed) in [
+            ("orders", orders.len(), curves),
+            ("vertexCounts", counts.len(), curves),
+            ("ranges", ranges.len() / 2, curves),
+            (
+                "knots",
+                knots.len(),
+                sum(&counts).saturating_add(sum(&orders)),
+            ),
+            ("points", points.len() / 3, sum(&counts)),
+        ] {
+            if found != needed {
+                return Err(Fault::new(format!(
+                    "trimCurve:{name} hold {found} elements where trimCurve:counts, vertexCounts and orders need {needed}"
+                ))
+                .advise("all of trimCurve: must come from the same version of the patch"));
+            }
+        }
+        let (mut knots, mut points) = (knots.as_slice(), points.as_slice());
+        let mut all = orders
+            .iter()
+            .zip(&counts)
+            .zip(ranges.as_chunks::<2>().0)
+            .map(|((&order, &count), &range)| TrimCurve {
+                order,
+                knots: taken(&mut knots, order + count).to_vec(),
+                range,
+                points: taken(&mut points, 3 * count).as_chunks::<3>().0.to_vec(),
+            });
+        Ok(loops
+            .into_iter()
+            .map(|count| all.by_ref().take(count).collect())
+            .collect())
+    }
+
+    /// Leaves out primvars whose interpolation a patch does not have.
+    fn of_patches(&mut self, prim: &Prim, mut primvars: Vec<Primvar>) -> Vec<Primvar> {
+        primvars.retain(|primvar| {
+            let known = primvar.interpolation != Interpolation::FaceVarying;
+            if !known {
+                self.warn("faceVarying primvar of a patch", || {
+                    format!(
+                        "{}: primvar {} is faceVarying, which a patch cannot be; it is left out",
+                        prim.path().as_str(),
+                        primvar.name
+                    )
+                });
+            }
+            known
+        });
+        primvars
+    }
+}
+
+fn sum(numbers: &[usize]) -> usize {
+    numbers.iter().fold(0, |sum, &n| sum.saturating_add(n))
+}
+
+/// The first `count` of `all`, which then begins behind them.
+fn taken<'a>(all: &mut &'a [f64], count: usize) -> &'a [f64] {
+    let (first, rest) = all.split_at(count);
+    *all = rest;
+    first
+}
