@@ -1,7 +1,10 @@
 //! The command line, one file a command.
 
+mod eval;
 mod info;
 mod render;
+mod scheme;
+mod subdivide;
 
 use std::io::IsTerminal;
 
@@ -39,6 +42,10 @@ enum Command {
     Render(Box<render::Render>),
     /// Tell what is in a scene: cameras, meshes, lights, materials, memory.
     Info(info::Info),
+    /// Refine a cage to a finer OBJ file.
+    Subdivide(subdivide::Subdivide),
+    /// Evaluate the limit surface of a cage.
+    Eval(eval::Eval),
     /// Print a completion script for a shell.
     Completions {
         /// The shell.
@@ -65,6 +72,8 @@ pub(crate) fn run() -> Result<()> {
     match arguments.command {
         Command::Render(render) => render.run(arguments.quiet),
         Command::Info(info) => info.run(),
+        Command::Subdivide(subdivide) => subdivide.run(),
+        Command::Eval(eval) => eval.run(),
         Command::Completions { shell } => {
             clap_complete::generate(
                 shell,

@@ -2,6 +2,7 @@
 
 mod nurbs;
 mod tags;
+mod topology;
 mod triangulate;
 mod validate;
 
@@ -11,6 +12,7 @@ pub use tags::{
     TriangleRule,
 };
 
+pub use topology::Topology;
 pub use triangulate::{Triangles, triangulate};
 
 use crate::math::{Bounds3, Vec3};
@@ -118,6 +120,18 @@ impl ControlMesh {
         })
     }
 
+    /// Who meets whom in this mesh.
+    ///
+    /// # Panics
+    /// If the mesh is not valid.
+    pub fn topology(&self) -> Topology {
+        Topology::new(
+            &self.face_vertex_counts,
+            self.face_vertex_indices.clone(),
+            self.point_count(),
+        )
+    }
+
     /// Bytes that its arrays hold.
     pub fn memory(&self) -> usize {
         4 * (self.face_vertex_counts.len() + self.face_vertex_indices.len() + self.holes.len())
@@ -157,6 +171,14 @@ impl Primvar {
             .indices
             .as_ref()
             .map_or(i, |indices| indices[i] as usize);
+        self.element(element)
+    }
+
+    /// The element of this number, whatever has it.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn element(&self, element: usize) -> &[f32] {
         let width = self.width as usize;
         &self.values[element * width..][..width]
     }

@@ -90,27 +90,14 @@ pub(super) fn rates(
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::math::DAffine3;
     use crate::scene::{self, Projection};
     use crate::shade::camera::CameraOptions;
 
-    #[test]
-    fn both_sides_of_an_edge_agree() {
-        let mesh = ControlMesh {
-            face_vertex_counts: vec![4, 4],
-            face_vertex_indices: vec![0, 1, 2, 3, 2, 1, 4, 5],
-            points: vec![vec![
-                Vec3::ZERO,
-                Vec3::X,
-                Vec3::new(1.0, 1.0, 0.3),
-                Vec3::Y,
-                Vec3::new(2.0, 0.0, 1.0),
-                Vec3::new(2.0, 1.0, 1.0),
-            ]],
-            ..ControlMesh::default()
-        };
+    /// 400 x 400 pixels that see 2 x 2 units around the origin from 5 units above.
+    pub(in crate::world) fn camera() -> Camera {
         let camera = scene::Camera {
             path: "/cam".into(),
             world_from_camera: vec![DAffine3::from_translation(glam::dvec3(0.0, 0.0, 5.0))],
@@ -130,7 +117,25 @@ mod tests {
             pixel_aspect: 1.0,
             depth_of_field: false,
         };
-        let camera = Camera::new(&camera, options).expect("a camera");
+        Camera::new(&camera, options).expect("a camera")
+    }
+
+    #[test]
+    fn both_sides_of_an_edge_agree() {
+        let mesh = ControlMesh {
+            face_vertex_counts: vec![4, 4],
+            face_vertex_indices: vec![0, 1, 2, 3, 2, 1, 4, 5],
+            points: vec![vec![
+                Vec3::ZERO,
+                Vec3::X,
+                Vec3::new(1.0, 1.0, 0.3),
+                Vec3::Y,
+                Vec3::new(2.0, 0.0, 1.0),
+                Vec3::new(2.0, 1.0, 1.0),
+            ]],
+            ..ControlMesh::default()
+        };
+        let camera = camera();
         let rates = rates(&mesh, &[Affine3A::IDENTITY], &camera, &Dicing::default());
         assert_eq!(rates[1].to_bits(), rates[4].to_bits());
         // 400 pixels across 2 units at distance 5.

@@ -11,7 +11,7 @@ use crate::mesh::{ControlMesh, CreaseMethod, Scheme, TriangleRule, triangulate};
 use crate::shade::camera::Camera;
 use crate::shade::material::Material;
 use crate::shade::texture_map::Primvars;
-use crate::subdiv::schemes::loop_scheme;
+use crate::subdiv;
 use crate::trace::{Device, Displacement, DisplacementPoint, Geometry, Rates, SubdivisionOptions};
 
 /// `parent_face` has the file's face of each face of `mesh`, where these are not the same.
@@ -73,15 +73,10 @@ pub(super) fn geometry(
                 format!("{path}: Embree knows no Loop subdivision; the mesh is refined to triangles on the limit surface")
             });
             warn_flat(warnings);
-            let refined = loop_scheme::refine_levels(
-                mesh,
-                loop_levels(mesh, places, camera, &options.dicing),
-            );
-            polygons(
-                device,
-                &Arc::new(loop_scheme::limit(&refined.mesh)),
-                Some(&refined.parent_face),
-            )
+            let levels = loop_levels(mesh, places, camera, &options.dicing);
+            let mut refined = subdiv::refine(mesh, levels);
+            refined.move_to_limit(mesh);
+            polygons(device, &Arc::new(refined.mesh), Some(&refined.parent_face))
         }
         Scheme::None => {
             warn_flat(warnings);

@@ -461,3 +461,7 @@ impl Carried<'_> {
         per_vertex(&primvar.name, primvar.width, values)
     }
 }
+
+#[cfg(test)]
+#[path = "patch_tests.rs"]
+mod tests;

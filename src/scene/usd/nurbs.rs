@@ -161,3 +161,147 @@ fn taken<'a>(all: &mut &'a [f64], count: usize) -> &'a [f64] {
     *all = rest;
     first
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Vec3;
+    use crate::scene::Geometry;
+    use crate::scene::usd::tests::{kinds, read, refused};
+
+    /// A patch with every attribute; `more` replaces or adds some.
+    fn patch(more: &[(&str, &str)]) -> String {
+        let mut attributes = vec![
+            ("int uOrder", "3"),
+            ("int vOrder", "2"),
+            ("int uVertexCount", "3"),
+            ("int vVertexCount", "2"),
+            ("double[] uKnots", "[0, 0, 0, 2, 2, 2]"),
+            ("double[] vKnots", "[-1, -1, 1, 1]"),
+            ("double2 uRange", "(0.5, 1.5)"),
+            ("uniform token uForm", "\"closed\""),
+            ("uniform token vForm", "\"periodic\""),
+            (
+                "point3f[] points",
+                "[(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0), (1, 1, 0), (2, 1, 0)]",
+            ),
+            ("double[] pointWeights", "[1, 0.1, 1, 1, 2, 1]"),
+            ("uniform token orientation", "\"leftHanded\""),
+            ("int[] trimCurve:counts", "[2, 1]"),
+            ("int[] trimCurve:orders", "[2, 2, 2]"),
+            ("int[] trimCurve:vertexCounts", "[3, 2, 4]"),
+            (
+                "double[] trimCurve:knots",
+                "[0, 0, 1, 2, 2, 0, 0, 1, 1, 0, 0, 1, 2, 3, 3]",
+            ),
+            ("double2[] trimCurve:ranges", "[(0, 2), (0, 1), (0, 3)]"),
+            (
+                "double3[] trimCurve:points",
+                "[(0, 0, 1), (1, 0, 1), (1, 1, 1), (1, 1, 1), (0, 0, 1), (0, 0, 1), (4, 0, 2), (0, 1, 1), (0, 0, 1)]",
+            ),
+        ];
+        for &(name, value) in more {
+            attributes.retain(|(n, _)| n.rsplit(' ').next() != name.rsplit(' ').next());
+            attributes.push((name, value));
+        }
+        let lines: Vec<_> = attributes
+            .iter()
+            .map(|(name, value)| format!("    {name} = {value}"))
+            .collect();
+        format!("def NurbsPatch \"P\" {{\n{}\n}}", lines.join("\n"))
+    }
+
+    #[test]
+    fn every_attribute_of_a_patch() {
+        let scene = read(&patch(&[
+            (
+                "float[] primvars:w",
+                "[1, 2, 3, 4, 5, 6] (interpolation = \"vertex\")",
+            ),
+            (
+                "float[] primvars:k",
+                "[1, 2, 3, 4] (interpolation = \"faceVarying\")",
+            ),
+        ]));
+        assert_eq!(kinds(&scene), ["faceVarying primvar of a patch"]);
+        let Geometry::Nurbs(patch) = &scene.shapes[0].geometry else {
+            panic!("not a patch");
+        };
+        assert_eq!([patch.u.order, patch.v.order], [3, 2]);
+        assert_eq!([patch.u.count, patch.v.count], [3, 2]);
+        assert_eq!(patch.u.knots, [0.0, 0.0, 0.0, 2.0, 2.0, 2.0]);
+        assert_eq!([patch.u.range, patch.v.range], [Some([0.5, 1.5]), None]);
+        assert_eq!(patch.v.domain(), [-1.0, 1.0]);
+        assert_eq!(
+            [patch.u.form, patch.v.form],
+            [NurbsForm::Closed, NurbsForm::Periodic]
+        );
+        assert_eq!(patch.points[0][4], Vec3::new(1.0, 1.0, 0.0));
+        // Full precision: 0.1 is a double.
+        assert_eq!(patch.weights.as_deref().map(|w| w[1]), Some(0.1));
+        assert!(patch.left_handed);
+        let sizes: Vec<_> = patch
+            .trims
+            .iter()
+            .map(|curves| curves.iter().map(|c| c.points.len()).collect::<Vec<_>>())
+            .collect();
+        assert_eq!(sizes, [vec![3, 2], vec![4]]);
+        assert_eq!(patch.trims[1][0].points[1], [4.0, 0.0, 2.0]);
+        assert_eq!(patch.trims[1][0].range, [0.0, 3.0]);
+        assert!(patch.primvar("w").is_some() && patch.primvar("k").is_none());
+    }
+
+    #[test]
+    fn points_move() {
+        let scene = read(&format!(
+            "(\n    startTimeCode = 1\n)\ndef Camera \"C\" {{ double shutter:close = 1 }}\n{}",
+            patch(&[(
+                "point3f[] points.timeSamples",
+                "{ 1: [(0, 0, 0), (1, 0, 0), (2, 0, 0), (0, 1, 0), (1, 1, 0), (2, 1, 0)],
+                   2: [(0, 0, 1), (1, 0, 1), (2, 0, 1), (0, 1, 1), (1, 1, 1), (2, 1, 1)] }"
+            )])
+        ));
+        let Geometry::Nurbs(patch) = &scene.shapes[0].geometry else {
+            panic!("not a patch");
+        };
+        assert_eq!(patch.points.len(), 2);
+        assert_eq!(patch.points[1][0], Vec3::Z);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        for (attribute, message) in [
+            (("int uOrder", "-3"), "uOrder is -3"),
+            (("int vOrder", "1"), "vOrder is 1"),
+            (
+                ("double[] uKnots", "[0, 0, 0, 1]"),
+                "uKnots: 4 knots for 3 points of order 3",
+            ),
+            (
+                ("double[] pointWeights", "[1, 0, 1, 1, 1, 1]"),
+                "pointWeight 1 is 0",
+            ),
+            (
+                ("int[] trimCurve:counts", "[2, 7]"),
+                "trimCurve:orders hold 3",
+            ),
+            (
+                ("int[] trimCurve:counts", "[-1]"),
+                "trimCurve:counts hold -1",
+            ),
+            (
+                ("double3[] trimCurve:points", "[(0, 0, 1)]"),
+                "trimCurve:points hold 1 elements",
+            ),
+            (
+                ("double2[] trimCurve:ranges", "[(0, 2), (0, 1), (1, 9)]"),
+                "trim curve 2: range (1, 9) leaves",
+            ),
+            (("point3f[] points", "[(0, 0, 0)]"), "has 1 points"),
+        ] {
+            let fault = refused(&patch(&[attribute]));
+            assert!(fault.message.contains(message), "{fault}");
+            assert_eq!(fault.prim.as_deref(), Some("/P"));
+        }
+    }
+}

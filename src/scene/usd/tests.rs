@@ -22,12 +22,12 @@ fn write(body: &str) -> (TempDir, PathBuf) {
     (folder, file)
 }
 
-fn read(body: &str) -> Description {
+pub(super) fn read(body: &str) -> Description {
     let (_folder, file) = write(body);
     load(&file, &LoadOptions::default()).expect("a scene")
 }
 
-fn refused(body: &str) -> Fault {
+pub(super) fn refused(body: &str) -> Fault {
     let (_folder, file) = write(body);
     match load(&file, &LoadOptions::default()) {
         Err(Error::Input(fault)) => *fault,
@@ -35,7 +35,7 @@ fn refused(body: &str) -> Fault {
     }
 }
 
-fn kinds(scene: &Description) -> Vec<String> {
+pub(super) fn kinds(scene: &Description) -> Vec<String> {
     scene.warnings.iter().map(|w| w.kind.clone()).collect()
 }
 

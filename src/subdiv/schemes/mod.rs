@@ -1,12 +1,5 @@
-//! Uniform refinement, one scheme a file.
-//!
-//! A scheme is two sets of masks: those of one refinement step and those that carry a point to the limit. Both are
-//! written down once as `stencils::Stencils`, which then move points of every motion key and vertex primvars
-//! alike.
+//! The schemes, one file each.
 
-pub mod loop_scheme;
-
-mod edges;
-mod stencils;
-#[cfg(test)]
-mod tests;
+pub(in crate::subdiv) mod bilinear;
+pub(in crate::subdiv) mod catmull_clark;
+pub(in crate::subdiv) mod loop_scheme;
