@@ -1,6 +1,6 @@
 //! Patches whose polygons are known: a ball, a trimmed sheet, primvars.
 
-use std::collections::HashSet;
+use std::collections::BTreeMap;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::super::dicing::tests::camera;
@@ -98,25 +98,26 @@ fn diced(patch: &NurbsPatch, pixels: f32) -> (Diced, Vec<String>) {
     (diced, kinds)
 }
 
-/// Ends of edges that have no polygon on their other side. Edges are known by the places of their ends.
+/// Ends of edges that polygons do not run along as often one way as the other. Edges are known by the places of
+/// their ends.
 fn borders(mesh: &ControlMesh) -> Vec<[Vec3; 2]> {
-    let bits = |p: Vec3| (p + 0.0).to_array().map(f32::to_bits);
-    let mut edges = HashSet::new();
-    let mut all = Vec::new();
+    let mut balance: BTreeMap<[[u32; 3]; 2], i32> = BTreeMap::new();
     for range in mesh.faces() {
         let corners = &mesh.face_vertex_indices[range];
         for (i, &a) in corners.iter().enumerate() {
             let b = corners[(i + 1) % corners.len()];
-            let [a, b] = [a, b].map(|v| mesh.points[0][v as usize]);
-            // An edge at a pole.
-            if bits(a) != bits(b) {
-                assert!(edges.insert([bits(a), bits(b)]), "{a} {b} twice");
-                all.push([a, b]);
+            // Adding 0 makes one zero of two.
+            let place = |v: u32| mesh.points[0][v as usize] + 0.0;
+            let [a, b] = [a, b].map(|v| place(v).to_array().map(f32::to_bits));
+            // Edges at a pole have no length.
+            if a != b {
+                *balance.entry([a.min(b), a.max(b)]).or_default() += if a < b { 1 } else { -1 };
             }
         }
     }
-    all.retain(|[a, b]| !edges.contains(&[bits(*b), bits(*a)]));
-    all
+    let open = balance.into_iter().filter(|(_, n)| *n != 0);
+    open.map(|(ends, _)| ends.map(|end| Vec3::from(end.map(f32::from_bits))))
+        .collect()
 }
 
 #[test]
