@@ -1,7 +1,8 @@
 //! relievo: a production renderer for subdivision surfaces, Ptex and deep displacement, on Embree and OpenImageIO.
 //!
 //! A picture's way through the crate, one module a stage: [`scene`] reads a file into a plain
-//! [`scene::Description`]; [`mesh`] is the control mesh in it; [`trace`] hands its surfaces to Embree, where an
+//! [`scene::Description`]; [`mesh`] is the control mesh or NURBS patch in it, [`nurbs`] the surface
+//! that a patch stands for; [`trace`] hands its surfaces to Embree, where an
 //! [`accel::Intersector`] may stand for a surface; [`shade`] knows camera, lights and materials; [`integrate`]
 //! computes the radiance along a ray; [`film`] gathers samples into pixels; [`image`] reads textures and
 //! writes pictures; [`render`] runs these stages in this order.
@@ -14,6 +15,7 @@ pub mod image;
 pub mod integrate;
 pub mod math;
 pub mod mesh;
+pub mod nurbs;
 pub mod render;
 pub mod scene;
 pub mod shade;

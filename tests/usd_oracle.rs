@@ -14,11 +14,12 @@ use relievo::error::Error;
 use relievo::image::ImageSource;
 use relievo::math::{DAffine3, DMat4, Vec3};
 use relievo::mesh::{
-    BoundaryInterpolation, ControlMesh, Crease, FaceVaryingInterpolation, Interpolation, Scheme,
-    TriangleRule,
+    BoundaryInterpolation, ControlMesh, Crease, FaceVaryingInterpolation, Interpolation,
+    NurbsPatch, Scheme, TriangleRule,
 };
 use relievo::scene::{
-    Description, Input, LightKind, LoadOptions, MissingLayers, PreviewSurface, Purpose, load,
+    Description, Geometry, Input, LightKind, LoadOptions, MissingLayers, PreviewSurface, Purpose,
+    load,
 };
 use serde_json::Value;
 
@@ -281,8 +282,78 @@ fn compare_mesh(place: &str, mesh: &ControlMesh, prim: &Value, time: &str) {
     );
 }
 
-/// Compares one scene at one time; the number of meshes, cameras, lights, primvars and material inputs found.
-fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 5] {
+fn doubles(prim: &Value, name: &str) -> Vec<f64> {
+    fn flat(value: &Value, out: &mut Vec<f64>) {
+        match value.as_array() {
+            Some(all) => all.iter().for_each(|v| flat(v, out)),
+            None => out.push(value.as_f64().unwrap()),
+        }
+    }
+    let mut out = Vec::new();
+    if let Some(value) = property(prim, name, "d") {
+        flat(value, &mut out);
+    }
+    out
+}
+
+fn compare_patch(place: &str, patch: &NurbsPatch, prim: &Value) {
+    for (name, direction) in [("u", &patch.u), ("v", &patch.v)] {
+        let named = |what: &str| doubles(prim, &format!("{name}{what}"));
+        assert_eq!(direction.knots, named("Knots"), "{place}");
+        assert_eq!(vec![direction.order as f64], named("Order"), "{place}");
+        assert_eq!(
+            vec![direction.count as f64],
+            named("VertexCount"),
+            "{place}"
+        );
+        assert_eq!(direction.range.unwrap().to_vec(), named("Range"), "{place}");
+        let form = format!("{:?}", direction.form).to_lowercase();
+        assert_eq!(form, word(prim, &format!("{name}Form"), "open"), "{place}");
+    }
+    let near = |mine: Vec<f64>, name: &str| {
+        let theirs = doubles(prim, name);
+        assert_eq!(mine.len(), theirs.len(), "{place} {name}");
+        assert!(
+            mine.iter().zip(&theirs).all(|(a, b)| (a - b).abs() < 1e-6),
+            "{place} {name}"
+        );
+    };
+    near(
+        patch.points[0]
+            .iter()
+            .flat_map(|p| p.to_array().map(f64::from))
+            .collect(),
+        "points",
+    );
+    near(patch.weights.clone().unwrap_or_default(), "pointWeights");
+    let curves = || patch.trims.iter().flatten();
+    near(
+        patch.trims.iter().map(|l| l.len() as f64).collect(),
+        "trimCurve:counts",
+    );
+    near(
+        curves().map(|c| c.order as f64).collect(),
+        "trimCurve:orders",
+    );
+    near(
+        curves().map(|c| c.points.len() as f64).collect(),
+        "trimCurve:vertexCounts",
+    );
+    near(
+        curves().flat_map(|c| c.knots.clone()).collect(),
+        "trimCurve:knots",
+    );
+    near(curves().flat_map(|c| c.range).collect(), "trimCurve:ranges");
+    near(
+        curves()
+            .flat_map(|c| c.points.iter().flatten().copied())
+            .collect(),
+        "trimCurve:points",
+    );
+}
+
+/// Compares one scene at one time; the number of meshes, cameras, lights, primvars, material inputs and patches found.
+fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 6] {
     let frame = time.parse().unwrap();
     let description: Description = load(scene, &options(frame)).unwrap();
     let prims = oracle["prims"].as_object().unwrap();
@@ -291,7 +362,7 @@ fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 5] {
         .iter()
         .map(|p| (p.path.as_str(), p))
         .collect();
-    let mut found = [0; 5];
+    let mut found = [0; 6];
     for (path, prim) in prims {
         let place = format!("{} {path} at {time}", scene.display());
         let hidden = prim["vis"].get(time).and_then(Value::as_str) == Some("invisible");
@@ -312,9 +383,10 @@ fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 5] {
                 let mine = placement.world_from_object[0];
                 assert!(near(mine, matrix(prim, time)), "{place}: {mine:?}");
                 let shape = &description.shapes[placement.shape];
-                compare_mesh(&place, &shape.mesh, prim, time);
+                let mesh = shape.geometry.mesh().unwrap();
+                compare_mesh(&place, mesh, prim, time);
                 let color = placement.display_color;
-                found[3] += compare_primvars(&place, &shape.mesh, color, prim, time);
+                found[3] += compare_primvars(&place, mesh, color, prim, time);
                 let theirs = prim["mat_full"].as_str().unwrap_or_default();
                 let material = placement.material.or(shape.materials.whole);
                 let mine = material.map(|m| description.materials[m].path.as_str());
@@ -326,6 +398,16 @@ fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 5] {
                     None => assert!(surface.is_none_or(str::is_empty), "{place}: {theirs}"),
                 }
                 found[0] += 1;
+            }
+            "NurbsPatch" => {
+                let placement = placements[path.as_str()];
+                let mine = placement.world_from_object[0];
+                assert!(near(mine, matrix(prim, time)), "{place}: {mine:?}");
+                let Geometry::Nurbs(patch) = &description.shapes[placement.shape].geometry else {
+                    panic!("{place} is not a patch");
+                };
+                compare_patch(&place, patch, prim);
+                found[5] += 1;
             }
             "Camera" => {
                 let camera = description
@@ -452,7 +534,7 @@ fn what_openusd_resolves_we_resolve() {
         return;
     };
     let scenes = shared.join("assets/usd-scenes");
-    let mut total = [0; 5];
+    let mut total = [0; 6];
     for (scene, oracle) in [
         ("features.usda", "features.usda"),
         ("features.usdc", "features.usdc"),
@@ -471,7 +553,7 @@ fn what_openusd_resolves_we_resolve() {
             }
         }
     }
-    println!("meshes, cameras, lights, primvars, material inputs compared: {total:?}");
+    println!("meshes, cameras, lights, primvars, material inputs, patches compared: {total:?}");
     assert!(total.iter().all(|n| *n > 0), "{total:?}");
 }
 

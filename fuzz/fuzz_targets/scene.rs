@@ -7,7 +7,7 @@ use relievo::math::{DAffine3, DVec3, Ray, Vec2, Vec3};
 use relievo::mesh::{BoundaryInterpolation, ControlMesh, Corner, Crease, Interpolation, Primvar, Scheme, triangulate};
 use relievo::scene::{AspectRatioConform, Binding, Camera, Description, Placement, Projection, Shape};
 use relievo::shade::camera::{Camera as Prepared, CameraOptions};
-use relievo::subdiv::schemes::loop_scheme;
+use relievo::subdiv::{LimitSurface, refine};
 use relievo::trace::{Device, DeviceOptions};
 use relievo::world::{BuildOptions, Dicing, Met, World};
 
@@ -22,13 +22,24 @@ libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
     }
     let _ = mesh.repeated_corner();
     let _ = triangulate(&mesh);
-    if mesh.scheme == Scheme::Loop {
-        let refined = loop_scheme::refine_levels(&mesh, 2);
-        refined.mesh.validate().expect("a refined mesh is valid");
-        let _ = loop_scheme::limit(&refined.mesh);
-    }
+    subdivide(&mesh);
     trace(mesh);
 });
+
+/// Refines the mesh, and evaluates its limit surface at and near corners and edges and within the faces.
+fn subdivide(mesh: &ControlMesh) {
+    let refined = refine(mesh, 1);
+    refined.mesh.validate().expect("a refined mesh is valid");
+    let surface = LimitSurface::new(mesh);
+    let points = surface.points::<f64>(mesh, 0);
+    for face in (0..surface.face_count() as u32).filter(|&f| !surface.is_hole(f)) {
+        for [u, v] in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1e-9, 1e-12], [0.5, 0.0], [0.3, 0.6], [f64::NAN, 2.0]] {
+            let point = surface.evaluate(&points, face, u, v);
+            assert!(point.position.iter().all(|x| x.is_finite()), "face {face} at {u} {v}");
+            let _ = surface.isolate(&points, face, u, v, 10);
+        }
+    }
+}
 
 /// Small numbers from the bytes, most of them of some use.
 fn mesh(bytes: &[u8]) -> ControlMesh {
@@ -133,7 +144,7 @@ fn trace(mesh: ControlMesh) {
         let ray = Ray::new(Vec3::new(x, y, 1000.0), Vec3::new(0.01, -0.02, -1.0), 0.0);
         if let Met::Surface(hit) = built.world.meet(&ray) {
             assert!(hit.position.is_finite() && hit.shading_normal.is_finite(), "{ray:?}");
-            assert!((hit.face as usize) < description.shapes[0].mesh.face_count());
+            assert!((hit.face as usize) < description.shapes[0].geometry.face_count());
         }
     }
     assert_eq!(built.world.take_panic(), None);

@@ -161,12 +161,13 @@ pub(crate) fn load_cage(path: &Path) -> Result<ControlMesh> {
     for warning in scene.warnings.iter() {
         tracing::warn!("{}", warning.message);
     }
-    let shape = scene.shapes.first().ok_or_else(|| {
+    let first = scene.shapes.first();
+    let mesh = first.and_then(|s| s.geometry.mesh()).ok_or_else(|| {
         Fault::new("there is no mesh in it")
             .in_file(path)
             .advise("give an OBJ file with faces")
     })?;
-    Ok(ControlMesh::clone(&shape.mesh))
+    Ok(ControlMesh::clone(mesh))
 }
 
 fn read(path: &Path) -> Result<Samples> {

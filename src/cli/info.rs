@@ -117,11 +117,11 @@ fn tell_stage(scene: &Description, out: &mut String) -> std::fmt::Result {
 }
 
 fn tell_meshes(scene: &Description, out: &mut String) -> std::fmt::Result {
-    let meshes = || scene.shapes.iter().map(|s| &s.mesh);
-    let faces: usize = meshes().map(|m| m.face_count()).sum();
+    let meshes = || scene.shapes.iter().filter_map(|s| s.geometry.mesh());
+    let faces: usize = scene.shapes.iter().map(|s| s.geometry.face_count()).sum();
     writeln!(
         out,
-        "  meshes      {} in {} places, {faces} faces",
+        "  surfaces    {} in {} places, {faces} faces",
         scene.shapes.len(),
         scene.placements.len()
     )?;
@@ -135,6 +135,10 @@ fn tell_meshes(scene: &Description, out: &mut String) -> std::fmt::Result {
         if count > 0 {
             writeln!(out, "    {name:13} {count}")?;
         }
+    }
+    let patches = scene.shapes.len() - meshes().count();
+    if patches > 0 {
+        writeln!(out, "    {:13} {patches}", "NURBS patches")?;
     }
     let creases = meshes().map(|m| m.creases.len()).sum::<usize>();
     let infinite = meshes()
@@ -159,13 +163,13 @@ fn tell_each(
 ) -> std::fmt::Result {
     for shape in &scene.shapes {
         let mut names: Vec<&str> = shape
-            .mesh
-            .primvars
+            .geometry
+            .primvars()
             .iter()
             .map(|p| p.name.as_str())
             .collect();
         names.sort_unstable();
-        let faces = shape.mesh.face_count();
+        let faces = shape.geometry.face_count();
         let primvars = match names.as_slice() {
             [] => "no primvars".to_owned(),
             names => format!("primvars {}", names.join(", ")),

@@ -72,7 +72,12 @@ impl Bounds3 {
         if self.is_empty() {
             return Self::EMPTY;
         }
-        Self::of((0..8).map(|i| {
+        Self::of(self.corners().map(|p| to_from_here.transform_point3(p)))
+    }
+
+    /// Its eight corners.
+    pub fn corners(&self) -> [Vec3; 8] {
+        [0_u32, 1, 2, 3, 4, 5, 6, 7].map(|i| {
             let pick = |bit: u32, axis: usize| {
                 if i & bit == 0 {
                     self.min[axis]
@@ -80,7 +85,7 @@ impl Bounds3 {
                     self.max[axis]
                 }
             };
-            to_from_here.transform_point3(Vec3::new(pick(1, 0), pick(2, 1), pick(4, 2)))
-        }))
+            Vec3::new(pick(1, 0), pick(2, 1), pick(4, 2))
+        })
     }
 }

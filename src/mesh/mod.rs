@@ -1,11 +1,13 @@
-//! The control mesh: what a file says of a surface, as plain arrays.
+//! The control mesh and the NURBS patch: what a file says of a surface, as plain arrays.
 
+mod nurbs;
 mod polyline;
 mod tags;
 mod topology;
 mod triangulate;
 mod validate;
 
+pub use nurbs::{MAX_ORDER, NurbsDirection, NurbsForm, NurbsPatch, TrimCurve, TrimLoop};
 pub use tags::{
     BoundaryInterpolation, Corner, Crease, CreaseMethod, FaceVaryingInterpolation, Scheme,
     TriangleRule,
@@ -53,7 +55,7 @@ pub struct ControlMesh {
     pub normals: Option<Primvar>,
 }
 
-/// Values on a mesh, of `width` components each.
+/// Values on a mesh or patch, of `width` components each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Primvar {
     /// Its name without `primvars:`.
@@ -134,7 +136,6 @@ impl ControlMesh {
 
     /// Bytes that its arrays hold.
     pub fn memory(&self) -> usize {
-        let primvar = |p: &Primvar| 4 * (p.values.len() + p.indices.as_ref().map_or(0, Vec::len));
         4 * (self.face_vertex_counts.len() + self.face_vertex_indices.len() + self.holes.len())
             + self
                 .points
@@ -147,7 +148,7 @@ impl ControlMesh {
                 .primvars
                 .iter()
                 .chain(&self.normals)
-                .map(primvar)
+                .map(Primvar::memory)
                 .sum::<usize>()
     }
 }
@@ -156,6 +157,11 @@ impl Primvar {
     /// How many elements `values` holds.
     pub fn elements(&self) -> usize {
         self.values.len() / self.width.max(1) as usize
+    }
+
+    /// Bytes that its arrays hold.
+    pub fn memory(&self) -> usize {
+        4 * (self.values.len() + self.indices.as_ref().map_or(0, Vec::len))
     }
 
     /// Element `i` of the point, face or corner with that number (0 for a constant), through the indices.

@@ -151,34 +151,47 @@ impl ControlMesh {
     /// # Errors
     /// The first fault found: a wrong count, an index out of range, a number that is not finite.
     pub fn validate_primvar(&self, primvar: &Primvar) -> Result<(), Fault> {
-        let name = &primvar.name;
-        if primvar.width == 0 || !primvar.values.len().is_multiple_of(primvar.width as usize) {
-            return Err(Fault::new(format!(
-                "primvar {name}: {} numbers are not a whole count of elements of {}",
-                primvar.values.len(),
-                primvar.width
-            )));
-        }
-        let (needed, of_what) = match primvar.interpolation {
+        primvar.validate_count(Some(match primvar.interpolation {
             Interpolation::Constant => (1, "a constant"),
             Interpolation::Uniform => (self.face_count(), "faces"),
             Interpolation::Varying | Interpolation::Vertex => (self.point_count(), "points"),
             Interpolation::FaceVarying => (self.face_vertex_indices.len(), "corners"),
+        }))
+    }
+}
+
+impl Primvar {
+    /// Checks its numbers, and that it has the elements that its interpolation needs: how many, and of what.
+    /// `None` says that the surface has no such elements.
+    pub(super) fn validate_count(
+        &self,
+        needed: Option<(usize, &'static str)>,
+    ) -> Result<(), Fault> {
+        let name = &self.name;
+        if self.width == 0 || !self.values.len().is_multiple_of(self.width as usize) {
+            return Err(Fault::new(format!(
+                "primvar {name}: {} numbers are not a whole count of elements of {}",
+                self.values.len(),
+                self.width
+            )));
+        }
+        let Some((needed, of_what)) = needed else {
+            return Err(Fault::new(format!(
+                "primvar {name} is faceVarying, and a patch has no faces with corners"
+            ))
+            .advise("make it varying or vertex"));
         };
-        let given = primvar
-            .indices
-            .as_ref()
-            .map_or(primvar.elements(), Vec::len);
+        let given = self.indices.as_ref().map_or(self.elements(), Vec::len);
         // A constant may come with more than it needs.
-        let exact = primvar.interpolation != Interpolation::Constant;
+        let exact = self.interpolation != Interpolation::Constant;
         if given < needed || (given > needed && exact) {
             return Err(Fault::new(format!(
                 "primvar {name} has {given} elements for {needed} {of_what}"
             ))
             .advise("check the primvar's interpolation and its indices"));
         }
-        let elements = primvar.elements();
-        if let Some(&i) = primvar
+        let elements = self.elements();
+        if let Some(&i) = self
             .indices
             .iter()
             .flatten()
@@ -188,11 +201,11 @@ impl ControlMesh {
                 "primvar {name} has index {i} of {elements} elements"
             )));
         }
-        if let Some(i) = primvar.values.iter().position(|v| !v.is_finite()) {
+        if let Some(i) = self.values.iter().position(|v| !v.is_finite()) {
             return Err(Fault::new(format!(
                 "primvar {name}: element {} holds {}, not a finite number",
-                i / primvar.width as usize,
-                primvar.values[i]
+                i / self.width as usize,
+                self.values[i]
             )));
         }
         Ok(())
@@ -200,7 +213,7 @@ impl ControlMesh {
 }
 
 /// Finite, and small enough that products of three coordinates still are.
-fn usable(p: Vec3) -> bool {
+pub(super) fn usable(p: Vec3) -> bool {
     p.abs().max_element() <= 1e18 && p.is_finite()
 }
 

@@ -46,7 +46,10 @@ pub fn estimate(description: &Description) -> Result<Estimate> {
         },
     )?;
     let micro_triangles = micro_triangles(description, &camera, &Dicing::default());
-    let meshes = description.shapes.iter().map(|s| s.mesh.memory() as u64);
+    let meshes = description
+        .shapes
+        .iter()
+        .map(|s| s.geometry.memory() as u64);
     Ok(Estimate {
         resolution,
         micro_triangles,

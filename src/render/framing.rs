@@ -1,7 +1,7 @@
 //! The camera of the scene, or one that shows all of it.
 
 use crate::error::{Error, Fault, Result};
-use crate::math::{Bounds3, DAffine3, DVec3, Vec2, Vec3};
+use crate::math::{DAffine3, DVec3, Vec2, Vec3};
 use crate::scene::{Camera, Description, Projection};
 
 /// The camera by its path or last name, the settings' one, the first one; else one that frames the scene, and true.
@@ -66,23 +66,17 @@ const MOST_POINTS: usize = 1 << 22;
 fn around(description: &Description) -> Result<Camera> {
     let mut points = Vec::new();
     for placement in &description.placements {
-        let mesh = &description.shapes[placement.shape].mesh;
+        let geometry = &description.shapes[placement.shape].geometry;
         for key in &placement.world_from_object {
             let world = |p: Vec3| key.transform_point3(p.as_dvec3());
-            if points.len() + mesh.face_vertex_indices.len() * mesh.points.len() <= MOST_POINTS {
-                points.extend(mesh.used_points().map(world));
-            } else {
-                let Bounds3 { min, max } = Bounds3::of(mesh.used_points());
-                let corners = [min.x, max.x].into_iter().flat_map(|x| {
-                    let sides = [
-                        (min.y, min.z),
-                        (min.y, max.z),
-                        (max.y, min.z),
-                        (max.y, max.z),
-                    ];
-                    sides.map(|(y, z)| Vec3::new(x, y, z))
-                });
-                points.extend(corners.map(world));
+            match geometry.mesh() {
+                Some(mesh)
+                    if points.len() + mesh.face_vertex_indices.len() * mesh.points.len()
+                        <= MOST_POINTS =>
+                {
+                    points.extend(mesh.used_points().map(world));
+                }
+                _ => points.extend(geometry.used_bounds().corners().map(world)),
             }
         }
     }

@@ -150,7 +150,7 @@ pub fn render(
     })?;
     let world = built.world;
     stats.bytes = Bytes {
-        control_meshes: description.shapes.iter().map(|s| s.mesh.memory()).sum(),
+        control_meshes: description.shapes.iter().map(|s| s.geometry.memory()).sum(),
         embree: device.memory(),
         embree_peak: device.peak_memory(),
         textures: built.texture_bytes,
@@ -308,7 +308,11 @@ fn counts(description: &Description) -> SceneCounts {
     SceneCounts {
         shapes: description.shapes.len(),
         placements: description.placements.len(),
-        faces: description.shapes.iter().map(|s| s.mesh.face_count()).sum(),
+        faces: description
+            .shapes
+            .iter()
+            .map(|s| s.geometry.face_count())
+            .sum(),
         lights: description.lights.len(),
         materials: description.materials.len(),
         textures: description.textures.len(),

@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use crate::error::{Fault, Warnings};
 pub use crate::image::{ColorSpace, ImageSource, Wrap};
-use crate::math::{DAffine3, Vec2, Vec3, Vec4};
-use crate::mesh::ControlMesh;
+use crate::math::{Bounds3, DAffine3, Vec2, Vec3, Vec4};
+use crate::mesh::{ControlMesh, NurbsPatch, Primvar};
 
 /// How to read a scene.
 #[derive(Debug, Clone)]
@@ -108,13 +108,13 @@ pub struct Description {
     pub warnings: Warnings,
 }
 
-/// A mesh and what covers it.
+/// A surface and what covers it.
 #[derive(Debug, Clone)]
 pub struct Shape {
     /// The prim, or the OBJ's object or group.
     pub path: String,
-    /// The cage, checked.
-    pub mesh: Arc<ControlMesh>,
+    /// What the file says of the surface, checked.
+    pub geometry: Geometry,
     /// Which material covers it; faces in a subset have another.
     pub materials: Binding,
     /// Whether both sides are meant to be seen.
@@ -131,6 +131,81 @@ pub struct UnusablePrimvar {
     pub name: String,
     /// What is wrong with it.
     pub fault: Fault,
+}
+
+/// What a shape is made of.
+#[derive(Debug, Clone)]
+pub enum Geometry {
+    /// A cage, or polygons.
+    Mesh(Arc<ControlMesh>),
+    /// A NURBS patch.
+    Nurbs(Arc<NurbsPatch>),
+}
+
+impl Geometry {
+    /// The mesh, if it is one.
+    pub fn mesh(&self) -> Option<&Arc<ControlMesh>> {
+        match self {
+            Self::Mesh(mesh) => Some(mesh),
+            Self::Nurbs(_) => None,
+        }
+    }
+
+    /// How many faces there are: of a mesh, holes included; of a patch, polynomial pieces.
+    pub fn face_count(&self) -> usize {
+        match self {
+            Self::Mesh(mesh) => mesh.face_count(),
+            Self::Nurbs(patch) => patch.face_count(),
+        }
+    }
+
+    /// How many motion keys there are.
+    pub fn keys(&self) -> usize {
+        match self {
+            Self::Mesh(mesh) => mesh.points.len(),
+            Self::Nurbs(patch) => patch.points.len(),
+        }
+    }
+
+    /// The box around the points at all motion keys. Without displacement the surface lies within it.
+    pub fn bounds(&self) -> Bounds3 {
+        match self {
+            Self::Mesh(mesh) => mesh.bounds(),
+            Self::Nurbs(patch) => patch.bounds(),
+        }
+    }
+
+    /// The box around the points that faces use: unused ones must not spoil a picture's framing.
+    pub fn used_bounds(&self) -> Bounds3 {
+        match self {
+            Self::Mesh(mesh) => Bounds3::of(mesh.used_points()),
+            Self::Nurbs(patch) => patch.bounds(),
+        }
+    }
+
+    /// The primvar of this name.
+    pub fn primvar(&self, name: &str) -> Option<&Primvar> {
+        match self {
+            Self::Mesh(mesh) => mesh.primvar(name),
+            Self::Nurbs(patch) => patch.primvar(name),
+        }
+    }
+
+    /// All primvars.
+    pub fn primvars(&self) -> &[Primvar] {
+        match self {
+            Self::Mesh(mesh) => &mesh.primvars,
+            Self::Nurbs(patch) => &patch.primvars,
+        }
+    }
+
+    /// Bytes that its arrays hold.
+    pub fn memory(&self) -> usize {
+        match self {
+            Self::Mesh(mesh) => mesh.memory(),
+            Self::Nurbs(patch) => patch.memory(),
+        }
+    }
 }
 
 /// Which material covers which face.

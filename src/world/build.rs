@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::dicing::Dicing;
 use super::geometry::geometry;
+use super::patch::Diced;
 use super::shape::Shape;
 use super::worn::Worn;
 use super::{Entry, Placed, World};
@@ -90,23 +91,37 @@ impl World {
             };
             for &place in places {
                 for key in keys(place) {
-                    bounds = bounds.union(shape.mesh.bounds().transformed(&key));
+                    bounds = bounds.union(shape.geometry.bounds().transformed(&key));
                 }
             }
             let needs = needed_primvars(shape, places, description, &materials, unbound)
                 .map_err(|fault| name_shape(fault.into(), description, shape))?;
             let displaced = displacement_of(shape, places, description, &materials);
+            let whole: Vec<Affine3A> = places.iter().flat_map(|&p| keys(p)).collect();
+            let (control, diced) = match &shape.geometry {
+                scene::Geometry::Mesh(mesh) => (mesh.clone(), None),
+                scene::Geometry::Nurbs(patch) => {
+                    let diced = Diced::new(
+                        patch,
+                        &whole,
+                        camera,
+                        &options.dicing,
+                        &shape.path,
+                        &mut warnings,
+                    )
+                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
+                    (diced.mesh, Some(diced.faces))
+                }
+            };
             let in_world = (places.len() == 1 && displaced.is_none())
                 .then(|| keys(places[0]))
                 .filter(|keys| keys.len() == 1)
                 .map(|keys| keys[0]);
-            let mesh = in_world.map_or_else(
-                || shape.mesh.clone(),
-                |m| Arc::new(in_space(&shape.mesh, &m)),
-            );
+            let mesh =
+                in_world.map_or_else(|| control.clone(), |m| Arc::new(in_space(&control, &m)));
             let stands: Vec<Affine3A> = match in_world {
                 Some(_) => vec![Affine3A::IDENTITY],
-                None => places.iter().flat_map(|&p| keys(p)).collect(),
+                None => whole,
             };
             let displaced = displaced.map(|m| &materials[m]);
             let (geometry, surface) = geometry(
@@ -117,13 +132,14 @@ impl World {
                 &stands,
                 camera,
                 options,
+                diced.as_deref(),
                 &shape.path,
                 &mut warnings,
             )
             .map_err(|e| name_shape(e, description, shape))?;
-            let mut worn = Worn::new(shape, places, description);
+            let mut worn = Worn::new(&shape.geometry, places, description);
             let mut number_of = |m: usize| worn.number(m, &mut materials);
-            let faces = shape.mesh.face_count();
+            let faces = shape.geometry.face_count();
             shapes.push(Shape::new(surface, &shape.materials, faces, |m| {
                 number_of(m.unwrap_or(unbound))
             }));
@@ -192,7 +208,7 @@ impl World {
                 .any(|i| lights.multipliers(i) != [1.0, 1.0]),
             lights,
             transparent,
-            moves: description.shapes.iter().any(|s| s.mesh.points.len() > 1)
+            moves: description.shapes.iter().any(|s| s.geometry.keys() > 1)
                 || (description.placements.iter()).any(|p| p.world_from_object.len() > 1),
         };
         Ok(Built {
@@ -343,7 +359,7 @@ fn needed_primvars(
                 fault.message += &format!(", and {reader} reads it");
                 return Err(fault);
             }
-            if shape.mesh.primvar(name).is_some() {
+            if shape.geometry.primvar(name).is_some() {
                 needs.push(name.to_owned());
             }
         }

@@ -44,6 +44,50 @@ pub(super) fn micro_triangles(
     faces.sum()
 }
 
+impl Dicing {
+    /// Segments for an edge of this many pixels: a whole number from 1.
+    pub(super) fn segments(&self, pixels: f32) -> f32 {
+        (pixels / self.rate)
+            .ceil()
+            .clamp(1.0, self.max_segments as f32)
+    }
+}
+
+/// The places of a shape that decide how finely it is diced, as the camera sees them.
+pub(super) struct View<'a> {
+    places: Vec<(f32, &'a Affine3A)>,
+    camera: &'a Camera,
+}
+
+/// Places of one shape that are looked at one by one.
+const MOST_PLACES: usize = 16;
+
+impl<'a> View<'a> {
+    /// Of a shape within `bounds`. Many instances: only the nearest decide, and there are never many nearest ones.
+    pub(super) fn new(bounds: &Bounds3, places: &'a [Affine3A], camera: &'a Camera) -> Self {
+        let nearest = |bounds: &Bounds3| camera.position().clamp(bounds.min, bounds.max);
+        let mut places: Vec<(f32, &Affine3A)> = places
+            .iter()
+            .map(|p| (camera.pixels_per_unit(nearest(&bounds.transformed(p))), p))
+            .collect();
+        places.sort_by(|a, b| b.0.total_cmp(&a.0));
+        places.truncate(MOST_PLACES);
+        Self { places, camera }
+    }
+
+    /// Length of the straight line from `a` to `b` in pixels, where it is longest.
+    pub(super) fn pixels(&self, a: Vec3, b: Vec3) -> f32 {
+        self.places
+            .iter()
+            .map(|(_, place)| {
+                let (a, b) = (place.transform_point3(a), place.transform_point3(b));
+                let end = |p| self.camera.pixels_per_unit(p);
+                a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
+            })
+            .fold(0.0, f32::max)
+    }
+}
+
 /// Segments for each half-edge of `mesh` (for the edge from a corner to the face's next one), enough for each of
 /// the places in which the mesh stands.
 pub(super) fn rates(
@@ -53,20 +97,7 @@ pub(super) fn rates(
     dicing: &Dicing,
 ) -> Vec<f32> {
     let points = &mesh.points[0];
-    let bounds = Bounds3::of(points.iter().copied());
-    // Many instances: only the nearest decide, and there are never many nearest ones.
-    let mut places: Vec<(f32, &Affine3A)> = places
-        .iter()
-        .map(|p| {
-            (
-                camera.pixels_per_unit(nearest(&bounds.transformed(p), camera)),
-                p,
-            )
-        })
-        .collect();
-    places.sort_by(|a, b| b.0.total_cmp(&a.0));
-    places.truncate(MOST_PLACES);
-
+    let view = View::new(&Bounds3::of(points.iter().copied()), places, camera);
     let mut rates = vec![1.0; mesh.face_vertex_indices.len()];
     for range in mesh.faces() {
         let corners = &mesh.face_vertex_indices[range.clone()];
@@ -74,50 +105,21 @@ pub(super) fn rates(
             let b = corners[(i + 1) % corners.len()];
             // The same arithmetic from either side of the edge: ends in the order of their numbers.
             let (a, b) = (points[a.min(b) as usize], points[a.max(b) as usize]);
-            let pixels = places
-                .iter()
-                .map(|(_, place)| {
-                    let (a, b) = (place.transform_point3(a), place.transform_point3(b));
-                    let end = |p| camera.pixels_per_unit(p);
-                    a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
-                })
-                .fold(0.0, f32::max);
-            let segments = (pixels / dicing.rate).ceil();
-            rates[range.start + i] = segments.clamp(1.0, dicing.max_segments as f32);
+            rates[range.start + i] = dicing.segments(view.pixels(a, b));
         }
     }
     rates
 }
 
-/// Places of one mesh that are looked at one by one.
-const MOST_PLACES: usize = 16;
-
-fn nearest(bounds: &Bounds3, camera: &Camera) -> Vec3 {
-    camera.position().clamp(bounds.min, bounds.max)
-}
-
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::math::DAffine3;
     use crate::scene::{self, Projection};
     use crate::shade::camera::CameraOptions;
 
-    #[test]
-    fn both_sides_of_an_edge_agree() {
-        let mesh = ControlMesh {
-            face_vertex_counts: vec![4, 4],
-            face_vertex_indices: vec![0, 1, 2, 3, 2, 1, 4, 5],
-            points: vec![vec![
-                Vec3::ZERO,
-                Vec3::X,
-                Vec3::new(1.0, 1.0, 0.3),
-                Vec3::Y,
-                Vec3::new(2.0, 0.0, 1.0),
-                Vec3::new(2.0, 1.0, 1.0),
-            ]],
-            ..ControlMesh::default()
-        };
+    /// 400 x 400 pixels that see 2 x 2 units around the origin from 5 units above.
+    pub(in crate::world) fn camera() -> Camera {
         let camera = scene::Camera {
             path: "/cam".into(),
             world_from_camera: vec![DAffine3::from_translation(glam::dvec3(0.0, 0.0, 5.0))],
@@ -137,7 +139,25 @@ mod tests {
             pixel_aspect: 1.0,
             depth_of_field: false,
         };
-        let camera = Camera::new(&camera, options).expect("a camera");
+        Camera::new(&camera, options).expect("a camera")
+    }
+
+    #[test]
+    fn both_sides_of_an_edge_agree() {
+        let mesh = ControlMesh {
+            face_vertex_counts: vec![4, 4],
+            face_vertex_indices: vec![0, 1, 2, 3, 2, 1, 4, 5],
+            points: vec![vec![
+                Vec3::ZERO,
+                Vec3::X,
+                Vec3::new(1.0, 1.0, 0.3),
+                Vec3::Y,
+                Vec3::new(2.0, 0.0, 1.0),
+                Vec3::new(2.0, 1.0, 1.0),
+            ]],
+            ..ControlMesh::default()
+        };
+        let camera = camera();
         let rates = rates(&mesh, &[Affine3A::IDENTITY], &camera, &Dicing::default());
         assert_eq!(rates[1].to_bits(), rates[4].to_bits());
         let count = micro_triangles(&mesh, &[Affine3A::IDENTITY], &camera, &Dicing::default());

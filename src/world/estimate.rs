@@ -3,9 +3,10 @@
 use super::build::single;
 use super::dicing::{self, Dicing};
 use super::geometry::loop_levels;
+use super::patch::Diced;
 use crate::math::Affine3A;
 use crate::mesh::Scheme;
-use crate::scene::Description;
+use crate::scene::{Description, Geometry};
 use crate::shade::camera::Camera;
 
 /// Triangles that the scene is diced into as seen by `camera`. Instances share theirs.
@@ -17,7 +18,12 @@ pub fn micro_triangles(description: &Description, camera: &Camera, dicing: &Dici
     let shapes = description.shapes.iter().zip(&places);
     shapes
         .map(|(shape, places)| {
-            let mesh = &shape.mesh;
+            let mesh = match &shape.geometry {
+                Geometry::Mesh(mesh) => mesh,
+                Geometry::Nurbs(patch) => {
+                    return Diced::micro_triangles(patch, places, camera, dicing);
+                }
+            };
             match mesh.scheme {
                 Scheme::CatmullClark | Scheme::Bilinear => {
                     dicing::micro_triangles(mesh, places, camera, dicing)

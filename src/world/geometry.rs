@@ -14,6 +14,7 @@ use crate::shade::texture_map::Primvars;
 use crate::subdiv;
 use crate::trace::{Device, Displacement, DisplacementPoint, Geometry, Rates, SubdivisionOptions};
 
+/// `parent_face` has the file's face of each face of `mesh`, where these are not the same.
 #[expect(
     clippy::too_many_arguments,
     reason = "one call; a struct of these would have no other use"
@@ -26,6 +27,7 @@ pub(super) fn geometry(
     places: &[Affine3A],
     camera: &Camera,
     options: &BuildOptions,
+    parent_face: Option<&[u32]>,
     path: &str,
     warnings: &mut Warnings,
 ) -> Result<(Geometry, Surface)> {
@@ -72,7 +74,7 @@ pub(super) fn geometry(
         }
         Scheme::None => {
             warn_flat(warnings);
-            polygons(device, mesh, None)
+            polygons(device, mesh, parent_face)
         }
     }
 }

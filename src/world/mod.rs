@@ -5,6 +5,7 @@ mod dicing;
 mod estimate;
 mod geometry;
 mod interaction;
+mod patch;
 mod shape;
 mod worn;
 

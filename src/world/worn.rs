@@ -3,14 +3,14 @@
 
 use std::collections::HashMap;
 
-use crate::mesh::{ControlMesh, Interpolation};
-use crate::scene::{self, Description};
+use crate::mesh::Interpolation;
+use crate::scene::{Description, Geometry};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Primvars;
 
 /// Which number each material has on one shape.
 pub(super) struct Worn<'a> {
-    mesh: &'a ControlMesh,
+    geometry: &'a Geometry,
     /// Whether a place of the shape has a colour of its own.
     recoloured: bool,
     numbers: HashMap<usize, u32>,
@@ -19,13 +19,13 @@ pub(super) struct Worn<'a> {
 }
 
 impl<'a> Worn<'a> {
-    pub(super) fn new(shape: &'a scene::Shape, places: &[u32], description: &Description) -> Self {
+    pub(super) fn new(geometry: &'a Geometry, places: &[u32], description: &Description) -> Self {
         let has_colour = |&place: &u32| {
             let placement = &description.placements[place as usize];
             placement.display_color.is_some()
         };
         Self {
-            mesh: &shape.mesh,
+            geometry,
             recoloured: places.iter().any(has_colour),
             numbers: HashMap::new(),
             transparent: false,
@@ -51,14 +51,14 @@ impl<'a> Worn<'a> {
     fn varies(&self, name: &str) -> bool {
         let varying = |i| i != Interpolation::Constant;
         name == "displayColor" && self.recoloured
-            || (self.mesh.primvar(name)).is_some_and(|p| varying(p.interpolation))
+            || (self.geometry.primvar(name)).is_some_and(|p| varying(p.interpolation))
     }
 }
 
 /// Those that do not vary.
 impl Primvars for Worn<'_> {
     fn get(&self, name: &str, out: &mut [f32]) -> bool {
-        match self.mesh.primvar(name) {
+        match self.geometry.primvar(name) {
             Some(primvar) if primvar.width as usize >= out.len() => {
                 out.copy_from_slice(&primvar.get(0)[..out.len()]);
                 true

@@ -20,7 +20,7 @@ use std::sync::Arc;
 
 use self::materials::Materials;
 use self::tags::Tags;
-use super::{Description, LoadOptions, Placement, Shape};
+use super::{Description, Geometry, LoadOptions, Placement, Shape};
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{DAffine3, Vec3};
 use crate::mesh::{
@@ -297,7 +297,7 @@ impl Reader {
         let materials = self.materials.finish(name, &mut description);
         description.shapes.push(Shape {
             path,
-            mesh: Arc::new(mesh),
+            geometry: Geometry::Mesh(Arc::new(mesh)),
             materials,
             double_sided: true,
             unusable_primvars: Vec::new(),

@@ -11,7 +11,7 @@ fn text(text: &str, name: &str) -> Result<Description> {
 fn tags_and_name_decide() {
     let tags = "t crease 2/1/0 0 1 2.5\nt corner 2/1/0 0 1 -1\nt hole 1/0/0 0\nt creasemethod 0/0/1 chaikin\n";
     let d = text(&format!("{tags}{QUAD}"), "catmark_a_lefthanded.obj").expect("valid");
-    let mesh = &d.shapes[0].mesh;
+    let mesh = d.shapes[0].geometry.mesh().expect("a mesh");
     assert_eq!(mesh.boundary, BoundaryInterpolation::EdgeOnly);
     assert!(mesh.left_handed);
     assert_eq!(
@@ -21,7 +21,7 @@ fn tags_and_name_decide() {
     assert_eq!(mesh.holes, [0]);
     let d = text(QUAD, "a.obj").expect("valid");
     assert_eq!(
-        d.shapes[0].mesh.boundary,
+        d.shapes[0].geometry.mesh().expect("a mesh").boundary,
         BoundaryInterpolation::EdgeAndCorner
     );
 }

@@ -1,4 +1,4 @@
-//! UsdGeomMesh and UsdGeomSubset.
+//! UsdGeomMesh and UsdGeomSubset, and the placing of shapes.
 
 use std::rc::Rc;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use crate::mesh::{
     BoundaryInterpolation, ControlMesh, Corner, Crease, FaceVaryingInterpolation, Interpolation,
     Primvar, Scheme, TriangleRule,
 };
-use crate::scene::{Binding, Shape, Subset, UnusablePrimvar};
+use crate::scene::{Binding, Geometry, Shape, Subset, UnusablePrimvar};
 
 /// A shape that was read, and under which inherited state.
 pub(super) struct Known {
@@ -30,8 +30,13 @@ pub(super) struct Known {
 }
 
 impl Reader {
-    /// Reads a mesh, or finds it among those that were read, and places it.
-    pub(super) fn place_mesh(&mut self, prim: &Prim, names: &[Token], state: &State) -> Result<()> {
+    /// Reads a mesh or patch, or finds it among those that were read, and places it.
+    pub(super) fn place_shape(
+        &mut self,
+        prim: &Prim,
+        names: &[Token],
+        state: &State,
+    ) -> Result<()> {
         let key = if state.in_instance {
             prim.prim_in_prototype()
                 .ok()
@@ -53,18 +58,21 @@ impl Reader {
         let index = match known {
             Some(index) => index,
             None => {
-                let mesh = self
-                    .mesh(prim, names, state)
+                let geometry = self
+                    .geometry(prim, names, state)
                     .map_err(|f| f.in_file(&self.file).at_prim(prim.path().as_str()))?;
                 let own_color = has(names, "primvars:displayColor");
-                let shape = match mesh {
-                    Some((mesh, unusable_primvars)) => {
-                        let subsets = self
-                            .subsets(prim, state, &mesh)
-                            .map_err(|f| f.in_file(&self.file).at_prim(prim.path().as_str()))?;
+                let shape = match geometry {
+                    Some((geometry, unusable_primvars)) => {
+                        let subsets = match geometry.mesh() {
+                            Some(mesh) => self
+                                .subsets(prim, state, mesh)
+                                .map_err(|f| f.in_file(&self.file).at_prim(prim.path().as_str()))?,
+                            None => Vec::new(),
+                        };
                         self.shapes.push(Shape {
                             path: key.as_str().to_owned(),
-                            mesh: Arc::new(mesh),
+                            geometry,
                             materials: Binding {
                                 whole: material,
                                 subsets,
@@ -100,6 +108,22 @@ impl Reader {
         let color = state.inherited.display_color.filter(|_| !known.own_color);
         let other = material.filter(|_| self.shapes[shape].materials.whole != material);
         self.place(prim, state, shape, color, other)
+    }
+
+    /// The surface itself; `None`, with a warning, if there is nothing to draw.
+    fn geometry(
+        &mut self,
+        prim: &Prim,
+        names: &[Token],
+        state: &State,
+    ) -> Result<Option<(Geometry, Vec<UnusablePrimvar>)>, Fault> {
+        Ok(if self.type_name(prim) == "NurbsPatch" {
+            let patch = self.nurbs_patch(prim, names, state)?;
+            patch.map(|(patch, unusable)| (Geometry::Nurbs(Arc::new(patch)), unusable))
+        } else {
+            let mesh = self.mesh(prim, names, state)?;
+            mesh.map(|(mesh, unusable)| (Geometry::Mesh(Arc::new(mesh)), unusable))
+        })
     }
 
     /// The mesh itself; `None`, with a warning, if it has no faces.
@@ -180,23 +204,9 @@ impl Reader {
                 format!("{path}: face {face}: point {point} is more than one of its corners; remove the repeated ones")
             });
         }
-        let mut candidates = self.primvars(prim, names);
-        for inherited in state.inherited.primvars.iter() {
-            if candidates.iter().all(|(own, _)| *own != inherited.name) {
-                candidates.push((inherited.name.clone(), Ok(inherited.clone())));
-            }
-        }
-        let mut unusable = Vec::new();
-        for (name, primvar) in candidates {
-            let checked = primvar.and_then(|p| mesh.validate_primvar(&p).map(|()| p));
-            match checked {
-                Ok(primvar) => mesh.primvars.push(primvar),
-                Err(fault) => {
-                    self.warn_unusable(prim, &fault);
-                    unusable.push(UnusablePrimvar { name, fault });
-                }
-            }
-        }
+        let (primvars, unusable) =
+            self.usable_primvars(prim, names, state, |p| mesh.validate_primvar(p));
+        mesh.primvars = primvars;
         if scheme == Scheme::None {
             mesh.normals = self.normals(prim, names, &mesh);
         }
@@ -329,7 +339,7 @@ impl Reader {
     }
 
     /// The points at each motion key: moved by velocities if there are any for them, else as sampled.
-    fn points(&mut self, prim: &Prim) -> Vec<Vec<Vec3>> {
+    pub(super) fn points(&mut self, prim: &Prim) -> Vec<Vec<Vec3>> {
         let path = prim.path().as_str().to_owned();
         if self.is_spline(prim, "points") {
             self.warn("spline", || {

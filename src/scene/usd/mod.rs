@@ -12,6 +12,7 @@ mod light;
 mod material;
 mod mesh;
 mod motion;
+mod nurbs;
 mod primvar;
 mod resolver;
 mod settings;

@@ -6,18 +6,15 @@ use openusd::tf::Token;
 use openusd::usd::Prim;
 
 use super::value;
-use super::walk::{Inherited, Reader};
+use super::walk::{Inherited, Reader, State};
 use crate::error::Fault;
 use crate::math::Vec3;
 use crate::mesh::{Interpolation, Primvar};
+use crate::scene::UnusablePrimvar;
 
 impl Reader {
-    /// The primvars of a mesh's own, by the attributes' names; those that are none with the reason.
-    pub(super) fn primvars(
-        &mut self,
-        prim: &Prim,
-        names: &[Token],
-    ) -> Vec<(String, Result<Primvar, Fault>)> {
+    /// The primvars of a surface's own, by the attributes' names; those that are none with the reason.
+    fn primvars(&mut self, prim: &Prim, names: &[Token]) -> Vec<(String, Result<Primvar, Fault>)> {
         let mut out = Vec::new();
         for attribute in names {
             let Some(name) = attribute.strip_prefix("primvars:") else {
@@ -30,6 +27,33 @@ impl Reader {
             out.extend(primvar.transpose().map(|p| (name.to_owned(), p)));
         }
         out
+    }
+
+    /// The primvars of a surface, its own and inherited ones, that pass `check`; those that do not, with the reason.
+    pub(super) fn usable_primvars(
+        &mut self,
+        prim: &Prim,
+        names: &[Token],
+        state: &State,
+        check: impl Fn(&Primvar) -> Result<(), Fault>,
+    ) -> (Vec<Primvar>, Vec<UnusablePrimvar>) {
+        let mut candidates = self.primvars(prim, names);
+        for inherited in state.inherited.primvars.iter() {
+            if candidates.iter().all(|(own, _)| *own != inherited.name) {
+                candidates.push((inherited.name.clone(), Ok(inherited.clone())));
+            }
+        }
+        let (mut usable, mut unusable) = (Vec::new(), Vec::new());
+        for (name, primvar) in candidates {
+            match primvar.and_then(|p| check(&p).map(|()| p)) {
+                Ok(primvar) => usable.push(primvar),
+                Err(fault) => {
+                    self.warn_unusable(prim, &fault);
+                    unusable.push(UnusablePrimvar { name, fault });
+                }
+            }
+        }
+        (usable, unusable)
     }
 
     /// Tells of a primvar that is left out.

@@ -24,12 +24,12 @@ fn write(body: &str) -> (TempDir, PathBuf) {
     (folder, file)
 }
 
-fn read(body: &str) -> Description {
+pub(super) fn read(body: &str) -> Description {
     let (_folder, file) = write(body);
     load(&file, &LoadOptions::default()).expect("a scene")
 }
 
-fn refused(body: &str) -> Fault {
+pub(super) fn refused(body: &str) -> Fault {
     let (_folder, file) = write(body);
     match load(&file, &LoadOptions::default()) {
         Err(Error::Input(fault)) => *fault,
@@ -37,7 +37,7 @@ fn refused(body: &str) -> Fault {
     }
 }
 
-fn kinds(scene: &Description) -> Vec<String> {
+pub(super) fn kinds(scene: &Description) -> Vec<String> {
     scene.warnings.iter().map(|w| w.kind.clone()).collect()
 }
 
@@ -72,7 +72,7 @@ def Mesh "M" {
     );
     assert_eq!((scene.up, scene.meters_per_unit), (Vec3::Z, 0.1));
     let shape = &scene.shapes[0];
-    let mesh = &shape.mesh;
+    let mesh = shape.geometry.mesh().expect("a mesh");
     assert!(shape.double_sided && mesh.left_handed);
     assert_eq!(mesh.scheme, Scheme::CatmullClark);
     assert_eq!(mesh.boundary, BoundaryInterpolation::None);
@@ -140,8 +140,8 @@ fn a_primvar_that_does_not_fit_is_left_out() {
     ));
     let shape = &scene.shapes[0];
     let kept: Vec<&str> = shape
-        .mesh
-        .primvars
+        .geometry
+        .primvars()
         .iter()
         .map(|p| p.name.as_str())
         .collect();
@@ -222,6 +222,7 @@ fn transforms_purpose_and_visibility_are_inherited() {
         def Mesh "G" {{ {QUAD} }} }}
     def Mesh "Empty" {{ }}
     def NurbsPatch "N" {{ }}
+    def Cube "Cube" {{ }}
     over "O" {{ }}
     class Mesh "C" {{ {QUAD} }}
 }}"#
@@ -235,12 +236,16 @@ fn transforms_purpose_and_visibility_are_inherited() {
     );
     assert_eq!(at(1).translation, DVec3::ZERO);
     assert_eq!(scene.placements[0].display_color, Some(Vec3::Y));
-    assert_eq!(scene.shapes[0].mesh.primvar("k").expect("k").values, [7.0]);
+    assert_eq!(
+        scene.shapes[0].geometry.primvar("k").expect("k").values,
+        [7.0]
+    );
     let kinds = kinds(&scene);
     for kind in [
         "unusable transform",
         "empty mesh",
-        "unsupported prim type NurbsPatch",
+        "empty patch",
+        "unsupported prim type Cube",
     ] {
         assert!(kinds.iter().any(|k| k == kind), "{kinds:?}");
     }
@@ -334,7 +339,7 @@ def Mesh "P" {{
         (2, 0.75, 1.25)
     );
     assert!(scene.placements[1].world_from_object.len() > 2);
-    let points = |i: usize| &scene.shapes[i].mesh.points;
+    let points = |i: usize| &scene.shapes[i].geometry.mesh().expect("a mesh").points;
     assert_eq!(
         (points(0).len(), points(2).len(), points(3).len()),
         (1, 2, 2)

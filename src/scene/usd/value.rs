@@ -129,6 +129,21 @@ pub(super) fn floats(value: Value) -> Option<Floats> {
     })
 }
 
+/// Numbers with a point in full precision, alone, as vectors and as arrays of either, one after the other.
+pub(super) fn doubles(value: Value) -> Option<Vec<f64>> {
+    Some(match value {
+        Value::Double(v) => vec![v],
+        Value::DoubleVec(v) => v,
+        Value::Vec2d(v) => vec![v.x, v.y],
+        Value::Vec2dVec(v) => v.into_iter().flat_map(|e| [e.x, e.y]).collect(),
+        Value::Vec3dVec(v) => v.into_iter().flat_map(|e| [e.x, e.y, e.z]).collect(),
+        other => {
+            let values = floats(other)?.values;
+            values.into_iter().map(f64::from).collect()
+        }
+    })
+}
+
 /// Whether a value is an array.
 pub(super) fn is_array(value: &Value) -> bool {
     matches!(

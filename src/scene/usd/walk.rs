@@ -307,7 +307,7 @@ impl Reader {
         self.transform(prim, &names, &mut state);
         if self.is_shown(&state.inherited) {
             match type_name.as_str() {
-                "Mesh" => self.place_mesh(prim, &names, &state)?,
+                "Mesh" | "NurbsPatch" => self.place_shape(prim, &names, &state)?,
                 "PointInstancer" => return self.point_instancer(prim, &names, &state),
                 "" | "Xform" | "Scope" | "Camera" | "SkelRoot" | "Skeleton" | "SkelAnimation"
                 | "BlendShape" => {}

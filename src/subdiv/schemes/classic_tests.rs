@@ -422,7 +422,7 @@ fn face_varying_values_without_seams_are_shared() {
 fn the_scenes_take_every_scheme() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("scenes/schemes");
     let scene = obj::load(&folder.join("cage.obj"), &LoadOptions::default()).expect("loads");
-    let cage = &scene.shapes[0].mesh;
+    let cage = scene.shapes[0].geometry.mesh().expect("a mesh");
     for scheme in SCHEMES {
         let fine = refine(cage, scheme, 4).expect("triangles").mesh;
         assert_eq!(fine.validate(), Ok(()));
