@@ -19,6 +19,7 @@ pub mod scene;
 pub mod shade;
 pub mod stats;
 pub mod subdiv;
+pub mod surface;
 pub mod trace;
 pub mod world;
 

@@ -4,6 +4,8 @@
 //! fine textures only need more samples. An 8-bit image keeps its bytes (a quarter of the floats' memory), which a
 //! table of 256 entries decodes texel by texel, so that colours are linear before they are filtered.
 
+mod slope;
+
 use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
 use std::fs;
