@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::base::Texcoord;
-use super::displace::{DisplacementMap, DisplacementPoint, Region, Slope};
+use super::displace::{DisplacementMap, DisplacementPoint, MapGrid, Region, Slope};
 use super::pyramid::Pyramid;
 use crate::image::Texture;
 use crate::math::{Bounds3, Vec3};
@@ -39,21 +39,38 @@ impl ImageMap {
             channels,
         }
     }
+
+    /// What a look-up means.
+    fn of(&self, value: Vec3) -> Vec3 {
+        match self.channels {
+            Channels::Scalar => Vec3::new(value.x, 0.0, 0.0),
+            Channels::Vector => value,
+        }
+    }
 }
 
 impl DisplacementMap for ImageMap {
     fn value(&self, at: &DisplacementPoint) -> Vec3 {
+        self.of(self.texture.eval(at.st).truncate())
+    }
+
+    fn values(&self, grid: &MapGrid<'_>, out: &mut Vec<Vec3>) -> bool {
         match self.channels {
-            Channels::Scalar => Vec3::new(self.texture.red(at.st), 0.0, 0.0),
-            Channels::Vector => self.texture.eval(at.st).truncate(),
+            Channels::Scalar => self
+                .texture
+                .look_up(grid.st, out, |[x]| Vec3::new(x, 0.0, 0.0)),
+            Channels::Vector => self
+                .texture
+                .look_up(grid.st, out, |xyz: [f32; 3]| Vec3::from(xyz)),
         }
+        true
     }
 
     fn slope(&self, at: &DisplacementPoint, texcoord: &Texcoord) -> Option<Slope> {
-        let [by_s, by_t] = self.texture.slope(at.st).map(|slope| match self.channels {
-            Channels::Scalar => Vec3::new(slope.x, 0.0, 0.0),
-            Channels::Vector => slope.truncate(),
-        });
+        let [by_s, by_t] = self
+            .texture
+            .slope(at.st)
+            .map(|slope| self.of(slope.truncate()));
         Some(Slope {
             du: texcoord.du.x * by_s + texcoord.du.y * by_t,
             dv: texcoord.dv.x * by_s + texcoord.dv.y * by_t,

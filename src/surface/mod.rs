@@ -22,7 +22,8 @@ pub use base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, UvRect, edge_uv};
 pub use bicubic::Bicubic;
 pub use dice::{Diced, FaceGrid};
 pub use displace::{
-    Amount, Displacement, DisplacementMap, DisplacementPoint, Function, Region, Slope, Space,
+    Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,
+    Space,
 };
 pub use evaluate::{DisplacedPoint, Faults, Surface};
 pub use image_map::{Channels, ImageMap};

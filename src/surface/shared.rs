@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use super::base::{LimitGrid, edge_uv};
-use super::displace::{Amount, Displacement, DisplacementPoint, Space};
+use super::displace::{Amount, Displacement, DisplacementPoint, MapGrid, Space};
 use super::evaluate::{SINE, Surface, Tangents, unit_normal};
 use super::rates::Rates;
 use crate::math::{Vec2, Vec3};
@@ -328,38 +328,39 @@ impl Surface {
             moved,
             ..
         } = scratch;
-        moved.clear();
-        let mut non_finite = 0;
-        for (row, &v) in vs.iter().enumerate() {
-            for (column, &u) in us.iter().enumerate() {
-                let i = row * us.len() + column;
-                let normal = Vec3::new(x[i], y[i], z[i]);
-                let at = DisplacementPoint {
+        // First the map's values, then what they mean.
+        let uv = |i: usize| Vec2::new(us[i % us.len()], vs[i / us.len()]);
+        let grid = MapGrid { face, us, vs, st };
+        if !amount.map.values(&grid, moved) {
+            moved.clear();
+            moved.extend((0..limit.len()).map(|i| {
+                amount.map.value(&DisplacementPoint {
                     face,
-                    uv: Vec2::new(u, v),
+                    uv: uv(i),
                     key,
                     position: limit.position(i),
-                    normal,
+                    normal: Vec3::new(x[i], y[i], z[i]),
                     st: st[i],
-                };
-                let d = amount.of(amount.map.value(&at));
-                let d = match space {
-                    None => d.x * normal,
-                    Some(Space::Object) => d,
-                    Some(Space::Tangent) => {
-                        let [du, dv] = limit.derivatives(i);
-                        let texcoord = self.texcoord(face, at.uv);
-                        let frame = Tangents::new(du, dv, normal, self.front, &texcoord);
-                        d.x * frame.t + d.y * frame.b + d.z * normal
-                    }
-                };
-                if (at.position + d).is_finite() {
-                    moved.push(d);
-                } else {
-                    non_finite += 1;
-                    moved.push(Vec3::ZERO);
+                })
+            }));
+        }
+        let mut non_finite = 0;
+        for (i, moved) in moved.iter_mut().enumerate() {
+            let normal = Vec3::new(x[i], y[i], z[i]);
+            let d = amount.of(*moved);
+            let d = match space {
+                None => d.x * normal,
+                Some(Space::Object) => d,
+                Some(Space::Tangent) => {
+                    let [du, dv] = limit.derivatives(i);
+                    let texcoord = self.texcoord(face, uv(i));
+                    let frame = Tangents::new(du, dv, normal, self.front, &texcoord);
+                    d.x * frame.t + d.y * frame.b + d.z * normal
                 }
-            }
+            };
+            let finite = (limit.position(i) + d).is_finite();
+            non_finite += u64::from(!finite);
+            *moved = if finite { d } else { Vec3::ZERO };
         }
         if non_finite > 0 {
             self.count_non_finite(non_finite);

@@ -1,26 +1,11 @@
 //! How finely Embree dices an edge: by its length on the screen, the same from both of its faces.
 
-use crate::math::{Affine3A, Bounds3, Vec3};
+use crate::math::{Affine3A, Bounds3};
 use crate::mesh::ControlMesh;
 use crate::shade::camera::Camera;
+use crate::surface::Places;
 
-/// What the dicing rates aim at.
-#[derive(Debug, Clone, Copy)]
-pub struct Dicing {
-    /// Length of a micro-edge in pixels, above 0. Seen from the camera, also for what lies outside the picture.
-    pub rate: f32,
-    /// The most segments an edge is cut into.
-    pub max_segments: u32,
-}
-
-impl Default for Dicing {
-    fn default() -> Self {
-        Self {
-            rate: 1.0,
-            max_segments: 128,
-        }
-    }
-}
+pub use crate::surface::Dicing;
 
 /// Segments for each half-edge of `mesh` (for the edge from a corner to the face's next one), enough for each of
 /// the places in which the mesh stands.
@@ -32,19 +17,7 @@ pub(super) fn rates(
 ) -> Vec<f32> {
     let points = &mesh.points[0];
     let bounds = Bounds3::of(points.iter().copied());
-    // Many instances: only the nearest decide, and there are never many nearest ones.
-    let mut places: Vec<(f32, &Affine3A)> = places
-        .iter()
-        .map(|p| {
-            (
-                camera.pixels_per_unit(nearest(&bounds.transformed(p), camera)),
-                p,
-            )
-        })
-        .collect();
-    places.sort_by(|a, b| b.0.total_cmp(&a.0));
-    places.truncate(MOST_PLACES);
-
+    let places = Places::nearest(camera, &bounds, places);
     let mut rates = vec![1.0; mesh.face_vertex_indices.len()];
     for range in mesh.faces() {
         let corners = &mesh.face_vertex_indices[range.clone()];
@@ -52,32 +25,17 @@ pub(super) fn rates(
             let b = corners[(i + 1) % corners.len()];
             // The same arithmetic from either side of the edge: ends in the order of their numbers.
             let (a, b) = (points[a.min(b) as usize], points[a.max(b) as usize]);
-            let pixels = places
-                .iter()
-                .map(|(_, place)| {
-                    let (a, b) = (place.transform_point3(a), place.transform_point3(b));
-                    let end = |p| camera.pixels_per_unit(p);
-                    a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
-                })
-                .fold(0.0, f32::max);
-            let segments = (pixels / dicing.rate).ceil();
+            let segments = (places.pixels(a, b) / dicing.rate).ceil();
             rates[range.start + i] = segments.clamp(1.0, dicing.max_segments as f32);
         }
     }
     rates
 }
 
-/// Places of one mesh that are looked at one by one.
-const MOST_PLACES: usize = 16;
-
-fn nearest(bounds: &Bounds3, camera: &Camera) -> Vec3 {
-    camera.position().clamp(bounds.min, bounds.max)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::DAffine3;
+    use crate::math::{DAffine3, Vec3};
     use crate::scene::{self, Projection};
     use crate::shade::camera::CameraOptions;
 

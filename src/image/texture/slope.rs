@@ -1,27 +1,64 @@
-//! Textures as heights: one channel, derivatives of the filter, and the texels behind them.
+//! Textures as displacement: many look-ups at once, derivatives of the filter, and the texels behind them.
 
 use super::{Pixels, Texture, Tile, Wrap};
 use crate::math::{Vec2, Vec4};
 
 impl Texture {
-    /// The first component of [`eval`](Self::eval).
-    pub fn red(&self, st: Vec2) -> f32 {
-        if self.rec709_from_image.is_some() {
-            return self.eval(st).x;
+    /// What `make` makes of the first `N` components (at most 3) of [`eval`](Self::eval) at each of `sts`.
+    pub fn look_up<T, const N: usize>(
+        &self,
+        sts: &[Vec2],
+        out: &mut Vec<T>,
+        make: impl Fn([f32; N]) -> T,
+    ) {
+        out.clear();
+        let tile = &self.tiles[0];
+        if self.udim || self.rec709_from_image.is_some() || N > tile.layout.colors() {
+            out.extend(sts.iter().map(|&st| {
+                let value = self.eval(st).to_array();
+                make(std::array::from_fn(|c| value[c]))
+            }));
+            return;
         }
-        let Some((tile, st, wrap)) = self.place(st) else {
-            return 0.0;
+        match &tile.pixels {
+            Pixels::Byte(pixels) => {
+                let table: &[f32; 256] = tile.color;
+                let decode = |byte: u8| table[usize::from(byte)];
+                out.extend(self.blended(sts, pixels, decode).map(make));
+            }
+            Pixels::Half(pixels) => {
+                out.extend(self.blended(sts, pixels, |half| half.to_f32()).map(make));
+            }
+            Pixels::Float(pixels) => out.extend(self.blended(sts, pixels, |v| v).map(make)),
+        }
+    }
+
+    /// Filters the first image, with `eval`'s arithmetic.
+    fn blended<'a, T: Copy, const N: usize>(
+        &'a self,
+        sts: &'a [Vec2],
+        pixels: &'a [T],
+        decode: impl Fn(T) -> f32 + 'a,
+    ) -> impl Iterator<Item = [f32; N]> + 'a {
+        let tile = &self.tiles[0];
+        let ([width, height], channels) = (tile.size, tile.layout.channels());
+        let row = move |y: Option<u32>| y.map(|y| (height - 1 - y) as usize * width as usize);
+        let texel = move |x: Option<u32>, row: Option<usize>| match (x, row) {
+            (Some(x), Some(row)) => {
+                let texel = &pixels[(row + x as usize) * channels..][..N];
+                std::array::from_fn(|c| decode(texel[c]))
+            }
+            _ => [0.0; N],
         };
-        let [width, height] = tile.size;
-        let (x, fx) = wrap[0].neighbours(st.x, width);
-        let (y, fy) = wrap[1].neighbours(st.y, height);
-        let texel = |x: Option<u32>, y: Option<u32>| match (x, y) {
-            (Some(x), Some(y)) => tile.first_channel(x, height - 1 - y),
-            _ => 0.0,
-        };
-        let low = mix(texel(x[0], y[0]), texel(x[1], y[0]), fx);
-        let high = mix(texel(x[0], y[1]), texel(x[1], y[1]), fx);
-        mix(low, high, fy)
+        sts.iter().map(move |&st| {
+            let st = finite(st);
+            let (x, fx) = self.wrap[0].neighbours(st.x, width);
+            let (y, fy) = self.wrap[1].neighbours(st.y, height);
+            let (below, above) = (row(y[0]), row(y[1]));
+            let low = mix(texel(x[0], below), texel(x[1], below), fx);
+            let high = mix(texel(x[0], above), texel(x[1], above), fx);
+            mix(low, high, fy)
+        })
     }
 
     /// The derivatives of [`eval`](Self::eval) by s and t: those of the bilinear filter, which jump where it passes
@@ -75,8 +112,7 @@ impl Texture {
 
     /// The image at `st`, and where in it.
     fn place(&self, st: Vec2) -> Option<(&Tile, Vec2, [Wrap; 2])> {
-        let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
-        let st = Vec2::new(finite(st.x), finite(st.y));
+        let st = finite(st);
         if self.udim {
             let (tile, st) = self.udim_tile(st)?;
             Some((tile, st, [Wrap::Clamp; 2]))
@@ -86,19 +122,12 @@ impl Texture {
     }
 }
 
-impl Tile {
-    fn first_channel(&self, x: u32, y: u32) -> f32 {
-        let first = (y as usize * self.size[0] as usize + x as usize) * self.layout.channels();
-        match &self.pixels {
-            // The first channel is never alpha.
-            Pixels::Byte(pixels) => self.color[usize::from(pixels[first])],
-            Pixels::Half(pixels) => pixels[first].to_f32(),
-            Pixels::Float(pixels) => pixels[first],
-        }
-    }
+fn finite(st: Vec2) -> Vec2 {
+    let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+    Vec2::new(finite(st.x), finite(st.y))
 }
 
 /// As glam's `lerp`, so that the results are the same.
-fn mix(a: f32, b: f32, t: f32) -> f32 {
-    a * (1.0 - t) + b * t
+fn mix<const N: usize>(a: [f32; N], b: [f32; N], t: f32) -> [f32; N] {
+    std::array::from_fn(|c| a[c] * (1.0 - t) + b[c] * t)
 }

@@ -165,14 +165,18 @@ fn a_bump_map_tilts_the_normal_alone() {
 }
 
 #[test]
-fn one_channel_and_slopes_follow_the_filter() {
+fn look_ups_and_slopes_follow_the_filter() {
     let mut random = Random(4);
     for wrap in [Wrap::Black, Wrap::Clamp, Wrap::Repeat, Wrap::Mirror] {
         let texture = noise([13, 7], "RGB", wrap, 9);
         let mut kinks = 0;
         for _ in 0..2000 {
             let st = 4.0 * random.uv() - 1.5;
-            assert_eq!(texture.red(st), texture.eval(st).x);
+            let (mut one, mut three) = (Vec::new(), Vec::new());
+            texture.look_up(&[st], &mut one, |[x]| x);
+            texture.look_up(&[st], &mut three, |xyz: [f32; 3]| Vec3::from(xyz));
+            let value = texture.eval(st).truncate();
+            assert_eq!((one[0], three[0]), (value.x, value));
             let slope = texture.slope(st);
             let h = 1e-3;
             for (axis, slope) in [Vec2::X, Vec2::Y].into_iter().zip(slope) {
