@@ -146,7 +146,7 @@ fn no_ray_escapes() {
 
 /// Whether the `i`th ray of a leak test is aimed at a micro-vertex to the bit, as far as rays are.
 pub(crate) fn aims_at_vertex(i: usize) -> bool {
-    i % 4 == 0
+    i.is_multiple_of(4)
 }
 
 /// The `i`th ray of a leak test, from `inside`.

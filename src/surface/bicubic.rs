@@ -31,15 +31,15 @@ impl Bicubic {
             point.duu += 6.0 * bv[r] * blend(&lu, &[d[1] - d[0], d[2] - d[1]]);
         }
         let up = |r: usize, c: usize| p[4 * r + 4 + c] - p[4 * r + c];
-        for r in 0..3 {
+        for (r, q) in qv.into_iter().enumerate() {
             let row: [Vec3; 4] = std::array::from_fn(|c| up(r, c));
             let d = [row[1] - row[0], row[2] - row[1], row[3] - row[2]];
-            point.dv += 3.0 * qv[r] * blend(&bu, &row);
-            point.duv += 9.0 * qv[r] * blend(&qu, &d);
+            point.dv += 3.0 * q * blend(&bu, &row);
+            point.duv += 9.0 * q * blend(&qu, &d);
         }
-        for r in 0..2 {
+        for (r, l) in lv.into_iter().enumerate() {
             let row: [Vec3; 4] = std::array::from_fn(|c| up(r + 1, c) - up(r, c));
-            point.dvv += 6.0 * lv[r] * blend(&bu, &row);
+            point.dvv += 6.0 * l * blend(&bu, &row);
         }
         point
     }

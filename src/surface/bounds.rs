@@ -27,12 +27,16 @@ const STRIP: f32 = 1.0 / 32.0;
 
 impl Surface {
     /// A box around all displaced points of a rectangle of a face at a motion key, rounded outward, with the points
-    /// that it shares with its neighbours. `None` if the displacement's source is certain of no bound; the surface has
+    /// that it shares with its neighbours; empty for a hole. `None` if the displacement's source is certain of no bound; the surface has
     /// to be diced then.
     ///
     /// Micro-vertices are snapped along the edges of their faces: bound those of a part of a grid by themselves.
     pub fn bounds(&self, face: u32, rect: &UvRect, key: u32) -> Option<Bounds3> {
+        if self.base().is_hole(face) {
+            return Some(Bounds3::EMPTY);
+        }
         let mut bounds = self.inner_bounds(face, rect, key, DEPTH)?;
+        let mut scratch = Scratch::default();
         let touches = [
             rect.min.y <= 0.0,
             rect.max.x >= 1.0,
@@ -43,7 +47,6 @@ impl Surface {
             bounds = bounds.union(self.edge_bounds(face, k, rect, key)?);
             if touches[(k as usize + 3) % 4] {
                 let vertex = self.base().vertex(face, k);
-                let mut scratch = Scratch::default();
                 bounds = bounds.including(self.vertex_point(vertex, key, &mut scratch));
             }
         }
@@ -66,7 +69,7 @@ impl Surface {
     /// Of the shared points of edge `k` as far as it lies in `rect`.
     fn edge_bounds(&self, face: u32, k: u32, rect: &UvRect, key: u32) -> Option<Bounds3> {
         // The part of the edge in its own direction; going over to 1 - t and back may round.
-        let along = if k % 2 == 0 {
+        let along = if k.is_multiple_of(2) {
             [rect.min.x, rect.max.x]
         } else {
             [rect.min.y, rect.max.y]
@@ -116,14 +119,11 @@ impl Surface {
             } else {
                 Some(*rect)
             };
-            let (rect, region) = (
-                *rect,
-                Region {
-                    face,
-                    rect: *rect,
-                    st,
-                },
-            );
+            let region = Region {
+                face,
+                rect: *rect,
+                st,
+            };
             debug_assert!(rect.min.cmple(rect.max).all(), "{rect:?}");
             amount.bound(&region).filter(|bounds| !bounds.is_empty())
         };
@@ -224,7 +224,7 @@ fn strip(k: u32, [from, to]: [f32; 2], depth: f32) -> UvRect {
         (1.0 - depth, 1.0)
     };
     let (min, max) = (Vec2::new(a, low), Vec2::new(b, high));
-    if k % 2 == 0 {
+    if k.is_multiple_of(2) {
         UvRect { min, max }
     } else {
         UvRect {

@@ -18,7 +18,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::base::edge_uv;
+use super::base::{UvRect, edge_uv};
 use super::evaluate::Surface;
 use super::rates::Rates;
 use super::shared::{Scratch, SharedSamples, split};
@@ -49,6 +49,18 @@ pub struct Diced {
 }
 
 impl FaceGrid {
+    /// The grid of a face that is not a hole, as the first one of a surface.
+    pub fn new(surface: &Surface, rates: &Rates, face: u32) -> Self {
+        let edge = |k: u32| rates.edge(surface.base().edge(face, k).edge) as u16;
+        Self {
+            face,
+            size: rates.face(face).map(|n| n as u16),
+            segments: [0, 1, 2, 3].map(edge),
+            first_vertex: 0,
+            first_triangle: 0,
+        }
+    }
+
     /// Vertices along u and v.
     pub fn vertices(&self) -> [u64; 2] {
         self.size.map(|n| u64::from(n) + 1)
@@ -112,11 +124,9 @@ impl Diced {
         let (mut first_vertex, mut first_triangle) = (0, 0);
         for face in (0..base.faces()).filter(|&face| !base.is_hole(face)) {
             let grid = FaceGrid {
-                face,
-                size: rates.face(face).map(|n| n as u16),
-                segments: [0, 1, 2, 3].map(|k| rates.edge(base.edge(face, k).edge) as u16),
                 first_vertex,
                 first_triangle,
+                ..FaceGrid::new(surface, rates, face)
             };
             let [columns, rows] = grid.vertices();
             first_vertex += columns * rows;
@@ -129,12 +139,12 @@ impl Diced {
                 let shared = SharedSamples::new(surface, rates, key);
                 let mut positions = vec![Vec3::ZERO; first_vertex as usize];
                 let faces: Vec<_> = grids.iter().zip(split(&mut positions, &starts)).collect();
-                faces
-                    .into_par_iter()
-                    .with_min_len(4)
-                    .for_each_init(Scratch::default, |scratch, (grid, out)| {
-                        surface.dice_face(grid, key, &shared, scratch, out)
-                    });
+                faces.into_par_iter().with_min_len(4).for_each_init(
+                    Scratch::default,
+                    |scratch, (grid, out)| {
+                        surface.dice_face(grid, key, &shared, scratch, out);
+                    },
+                );
                 positions
             })
             .collect();
@@ -289,5 +299,11 @@ impl Surface {
                 out[place] = point;
             }
         }
+        debug_assert!(
+            self.bounds(grid.face, &UvRect::UNIT, key)
+                .is_none_or(|bounds| out.iter().all(|&p| bounds.including(p) == bounds)),
+            "face {} leaves its bounds",
+            grid.face
+        );
     }
 }

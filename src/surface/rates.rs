@@ -213,7 +213,7 @@ impl<'a> Measure<'a> {
             })
             .collect();
         let factor = |face: u32| {
-            if dicing.off_screen <= 0.0 {
+            if dicing.off_screen <= 0.0 || surface.base().is_hole(face) {
                 return 1.0;
             }
             // What cannot be bounded may be anywhere.

@@ -59,12 +59,12 @@ impl SharedSamples {
         }
         let mut samples = vec![Vec3::ZERO; count];
         let edges: Vec<(u32, &mut [Vec3])> = (0..).zip(split(&mut samples, &starts)).collect();
-        edges
-            .into_par_iter()
-            .with_min_len(16)
-            .for_each_init(Scratch::default, |scratch, (edge, samples)| {
-                surface.edge_points(edge, key, scratch, samples)
-            });
+        edges.into_par_iter().with_min_len(16).for_each_init(
+            Scratch::default,
+            |scratch, (edge, samples)| {
+                surface.edge_points(edge, key, scratch, samples);
+            },
+        );
         Self {
             vertices,
             starts,
@@ -387,8 +387,7 @@ fn unit_normals(limit: &LimitGrid, front: f32, out: &mut [Vec<f32>; 3]) {
         let b = bx[i] * bx[i] + by[i] * by[i] + bz[i] * bz[i];
         // Products beyond the range of floats are left to the careful way, too.
         let good = squared > SQUARED_SINE * (a * b)
-            && squared >= f32::MIN_POSITIVE
-            && squared < f32::INFINITY;
+            && (f32::MIN_POSITIVE..f32::INFINITY).contains(&squared);
         let scale = if good { front / squared.sqrt() } else { 0.0 };
         ox[i] = x * scale;
         oy[i] = y * scale;

@@ -129,6 +129,18 @@ fn holes_are_left_out() {
     assert_eq!(faces, [0, 1, 3, 5]);
     assert_eq!((rates.micro_vertices(), rates.micro_triangles()), (64, 72));
     assert_eq!(diced.triangles(), 72);
+    assert!(
+        surface
+            .bounds(2, &UvRect::UNIT, 0)
+            .expect("bounded")
+            .is_empty()
+    );
+    // One face at a time gives the same.
+    let shared = SharedSamples::new(&surface, &rates, 0);
+    let grid = FaceGrid::new(&surface, &rates, 3);
+    let mut out = vec![Vec3::ZERO; 16];
+    surface.dice_face(&grid, 0, &shared, &mut Scratch::default(), &mut out);
+    assert_eq!(out, diced.positions()[0][32..48]);
 }
 
 #[test]

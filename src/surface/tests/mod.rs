@@ -90,6 +90,13 @@ pub(crate) fn closed() -> Vec<(&'static str, Patches)> {
         ("torus", Patches::torus(5, 4)),
         ("turned torus", Patches::torus(4, 3).turned()),
         ("globe", Patches::globe(5)),
+        (
+            "opaque sphere",
+            Patches {
+                opaque: true,
+                ..Patches::sphere(2)
+            },
+        ),
     ]
 }
 

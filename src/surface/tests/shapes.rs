@@ -16,11 +16,13 @@ pub(crate) struct Patches {
     /// By motion key and face.
     pub(crate) control: Vec<Vec<Bicubic>>,
     pub(crate) vertices: Vec<[u32; 4]>,
-    edges: Vec<[EdgeUse; 4]>,
+    pub(crate) edges: Vec<[EdgeUse; 4]>,
     pub(crate) holes: Vec<u32>,
     pub(crate) left_handed: bool,
     /// Texture coordinates of the corners, bilinear between.
     pub(crate) st: Option<Vec<[Vec2; 4]>>,
+    /// Whether the control points are kept to itself.
+    pub(crate) opaque: bool,
     /// Edges that are but a point.
     pub(crate) collapsed: Vec<(u32, u32)>,
 }
@@ -297,7 +299,7 @@ impl Base for Patches {
         self.patch(face, key).hull(rect)
     }
     fn bezier(&self, face: u32, rect: &UvRect, key: u32) -> Option<Bicubic> {
-        Some(self.patch(face, key).restricted(rect))
+        (!self.opaque).then(|| self.patch(face, key).restricted(rect))
     }
     fn texcoord(&self, face: u32, uv: Vec2) -> Option<Texcoord> {
         let [a, b, c, d] = self.st.as_ref()?[face as usize];
