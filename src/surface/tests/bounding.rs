@@ -12,7 +12,7 @@ fn holds(bounds: &Bounds3, p: Vec3) -> bool {
     bounds.min.cmple(p).all() && p.cmple(bounds.max).all()
 }
 
-/// Two million points, in random rectangles of all shapes and displacements, near the origin and far from it; and how
+/// Two million points (times `RELIEVO_EFFORT`), in random rectangles of all shapes and displacements, near the origin and far from it; and how
 /// tight the bounds are.
 #[test]
 fn no_displaced_point_is_outside_of_its_bounds() {
@@ -25,13 +25,14 @@ fn no_displaced_point_is_outside_of_its_bounds() {
             }
         }
     }
+    let rounds = effort(120);
     let (outside, points, size) = cases
         .par_iter()
         .enumerate()
         .map(|(i, (shape, kind, surface))| {
             let mut random = Random(i as u64);
             let (mut outside, mut points, mut size) = (0, 0, 0.0);
-            for round in 0..120 {
+            for round in 0..rounds as u32 {
                 let face = round % surface.base().faces();
                 let mut rect = random.rect();
                 // Smaller ones too, and some at the border.
@@ -57,7 +58,7 @@ fn no_displaced_point_is_outside_of_its_bounds() {
                 }
                 size += bounds.extent().length() / (seen.extent().length() + 1e-3);
             }
-            (outside, points, size / 120.0)
+            (outside, points, size / rounds as f32)
         })
         .reduce(|| (0, 0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1, a.2 + b.2));
     println!(

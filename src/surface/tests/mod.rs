@@ -75,6 +75,12 @@ pub(crate) fn surface(base: Patches, displacement: Displacement) -> Surface {
     Surface::new(Arc::new(base), displacement)
 }
 
+/// How many random samples a test takes: `usual`, times the number in the environment's `RELIEVO_EFFORT`.
+pub(crate) fn effort(usual: usize) -> usize {
+    let factor = std::env::var("RELIEVO_EFFORT").ok();
+    usual * factor.and_then(|f| f.parse().ok()).unwrap_or(1)
+}
+
 /// Rates that differ from edge to edge, 1 to 9.
 pub(crate) fn mixed(surface: &Surface) -> Rates {
     Rates::by_edge(surface, |edge| 1 + (edge * 7 + edge / 3) % 9)
