@@ -3,13 +3,11 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use miette::Diagnostic;
-
 /// What every fallible call of the library returns.
 pub type Result<T, E = Error> = std::result::Result<T, E>;
 
 /// Why relievo stopped. Each kind has an exit code of its own ([`Error::exit_code`]).
-#[derive(Debug, thiserror::Error, Diagnostic)]
+#[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The command line asks for something that makes no sense.
     #[error("{message}")]
@@ -17,12 +15,10 @@ pub enum Error {
         /// What is wrong with it.
         message: String,
         /// What to do about it.
-        #[help]
         help: Option<String>,
     },
     /// A scene, mesh or texture is missing or wrong.
     #[error(transparent)]
-    #[diagnostic(transparent)]
     Input(Box<Fault>),
     /// The scene does not fit into the memory that it was given.
     #[error("{message}")]
@@ -30,7 +26,6 @@ pub enum Error {
         /// What was asked for and what there is.
         message: String,
         /// What would fit.
-        #[help]
         help: Option<String>,
     },
     /// The user asked to stop; what was rendered by then is written.
@@ -42,7 +37,6 @@ pub enum Error {
         /// What failed, with the reason that the system or the library gave.
         message: String,
         /// What to do about it.
-        #[help]
         help: Option<String>,
     },
 }
@@ -61,6 +55,17 @@ impl Error {
         Self::Failed {
             message: message.into(),
             help: None,
+        }
+    }
+
+    /// What to do about it, where that can be said.
+    pub fn help(&self) -> Option<&str> {
+        match self {
+            Self::Usage { help, .. } | Self::Memory { help, .. } | Self::Failed { help, .. } => {
+                help.as_deref()
+            }
+            Self::Input(fault) => fault.help.as_deref(),
+            Self::Interrupted => None,
         }
     }
 
@@ -151,14 +156,6 @@ impl fmt::Display for Fault {
 }
 
 impl std::error::Error for Fault {}
-
-impl Diagnostic for Fault {
-    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        self.help
-            .as_ref()
-            .map(|help| Box::new(help) as Box<dyn fmt::Display>)
-    }
-}
 
 /// Things that relievo noticed and went on without: each kind is told once, with how often it occurred.
 #[derive(Debug, Clone, Default)]

@@ -3,35 +3,8 @@
 //! The film is a list of tiles, each rendered by one thread at a time and in the order of the samples, so the
 //! sums are the same to the bit whatever the number of threads.
 
+use crate::integrate::{FirstHit, PathSample};
 use crate::math::Vec3;
-
-/// What one path brings back.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct PathSample {
-    /// Radiance along the camera ray.
-    pub radiance: Vec3,
-    /// 1 where the path met something, 0 where it left the scene.
-    pub alpha: f32,
-    /// Of the first surface: what it reflects of white light.
-    pub albedo: Vec3,
-    /// Of the first surface: unit shading normal in world space.
-    pub normal: Vec3,
-    /// Of the first surface: where it is; none if the ray left the scene.
-    pub first: Option<FirstHit>,
-}
-
-/// The first surface that a path met.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct FirstHit {
-    /// Distance along the camera's axis, scene units.
-    pub depth: f32,
-    /// World space.
-    pub position: Vec3,
-    /// Face of the control mesh.
-    pub face: u32,
-    /// Number of the placement, from 1; 0 is nothing.
-    pub object: u32,
-}
 
 /// A pixel's sums.
 #[derive(Debug, Clone, Copy, Default)]
@@ -41,12 +14,26 @@ pub struct Pixel {
     albedo: [f64; 3],
     normal: [f64; 3],
     samples: u32,
-    nearest: Option<(f32, FirstHit)>,
+    nearest: Option<Nearest>,
+}
+
+/// The sample nearest to a pixel's centre, among those that hit.
+#[derive(Debug, Clone, Copy)]
+struct Nearest {
+    offset: f32,
+    first: FirstHit,
+    depth: f32,
 }
 
 impl Pixel {
-    /// Adds a sample that lies `offset` pixels from the pixel's centre. Samples that are not finite are refused.
-    pub fn add(&mut self, sample: &PathSample, offset: f32) -> Result<(), NotFinite> {
+    /// Adds a sample that lies `offset` pixels from the pixel's centre; `depth` is asked how deep its first hit
+    /// lies, if that is wanted. Samples that are not finite are refused.
+    pub fn add(
+        &mut self,
+        sample: &PathSample,
+        offset: f32,
+        depth: impl FnOnce(Vec3) -> f32,
+    ) -> Result<(), NotFinite> {
         let good = sample.radiance.is_finite() && sample.alpha.is_finite();
         self.samples += 1;
         if !good {
@@ -60,9 +47,13 @@ impl Pixel {
         self.alpha += f64::from(sample.alpha);
         // Depth, position and ids cannot be averaged: the sample nearest to the centre speaks for the pixel.
         if let Some(first) = sample.first
-            && self.nearest.is_none_or(|(best, _)| offset < best)
+            && self.nearest.is_none_or(|best| offset < best.offset)
         {
-            self.nearest = Some((offset, first));
+            self.nearest = Some(Nearest {
+                offset,
+                first,
+                depth: depth(first.position),
+            });
         }
         Ok(())
     }
@@ -103,7 +94,12 @@ impl Pixel {
 
     /// The first hit of the sample nearest to the centre, among those that hit.
     pub fn first(&self) -> Option<FirstHit> {
-        self.nearest.map(|(_, first)| first)
+        self.nearest.map(|nearest| nearest.first)
+    }
+
+    /// How deep that hit lies along the camera's axis, scene units.
+    pub fn depth(&self) -> Option<f32> {
+        self.nearest.map(|nearest| nearest.depth)
     }
 }
 
@@ -203,7 +199,7 @@ mod tests {
             radiance: Vec3::splat(f32::NAN),
             ..PathSample::default()
         };
-        assert_eq!(pixel.add(&bad, 0.0), Err(NotFinite));
+        assert_eq!(pixel.add(&bad, 0.0, |_| 0.0), Err(NotFinite));
         assert_eq!(pixel.radiance(), Vec3::ZERO);
     }
 
@@ -222,9 +218,11 @@ mod tests {
                         ..PathSample::default()
                     },
                     offset,
+                    |_| object as f32,
                 )
                 .expect("finite");
         }
         assert_eq!(pixel.first().map(|f| f.object), Some(2));
+        assert_eq!(pixel.depth(), Some(2.0));
     }
 }

@@ -1,9 +1,8 @@
 //! The radiance along a ray: a path tracer with next-event estimation and multiple importance sampling
 //! (Veach 1997, ch. 9, power heuristic). Knows no pixels.
 
-use crate::film::{FirstHit, PathSample};
 use crate::math::{Ray, Vec3};
-use crate::shade::bsdf::Bsdf;
+use crate::shade::bsdf::View;
 use crate::shade::sampler::Sampler;
 use crate::stats::Rays;
 use crate::world::{Interaction, Met, World};
@@ -26,10 +25,36 @@ impl Default for PathOptions {
     }
 }
 
+/// What one path brings back.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PathSample {
+    /// Radiance along the camera ray.
+    pub radiance: Vec3,
+    /// 1 where the path met something, 0 where it left the scene.
+    pub alpha: f32,
+    /// Of the first surface: what it reflects of white light.
+    pub albedo: Vec3,
+    /// Of the first surface: unit shading normal in world space.
+    pub normal: Vec3,
+    /// Of the first surface: where it is; none if the ray left the scene.
+    pub first: Option<FirstHit>,
+}
+
+/// The first surface that a path met.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct FirstHit {
+    /// World space.
+    pub position: Vec3,
+    /// Face of the control mesh.
+    pub face: u32,
+    /// Number of the placement, from 1; 0 is nothing.
+    pub object: u32,
+}
+
 /// Surfaces that a path may pass straight through because they are transparent there, before it is ended.
 const MAX_PASSED: u32 = 256;
 
-/// The radiance that arrives along `ray`, and what the ray met first. `depth_of` measures a point's depth.
+/// The radiance that arrives along `ray`, and what the ray met first.
 ///
 /// Dimensions of the sampler: set 0 is the caller's; each scattering takes two sets, each surface that is
 /// partly transparent one from the far end.
@@ -38,7 +63,6 @@ pub fn path(
     options: &PathOptions,
     mut ray: Ray,
     sampler: &Sampler,
-    depth_of: &dyn Fn(Vec3) -> f32,
     rays: &mut Rays,
 ) -> PathSample {
     let mut out = PathSample::default();
@@ -68,10 +92,8 @@ pub fn path(
                 if scattered == 0 {
                     out.alpha = 1.0;
                     if out.first.is_none() {
-                        let position = ray.at(hit.t);
                         out.first = Some(FirstHit {
-                            depth: depth_of(position),
-                            position,
+                            position: ray.at(hit.t),
                             face: 0,
                             object: 0,
                         });
@@ -97,33 +119,33 @@ pub fn path(
 
         let wo = -ray.direction;
         let bsdf = interaction.bsdf();
+        let view = bsdf.seen_from(wo);
         if out.first.is_none() {
             out.alpha = 1.0;
-            out.albedo = bsdf.albedo(wo);
+            out.albedo = view.map_or(Vec3::ZERO, |view| view.albedo());
             out.normal = interaction.shading_normal;
             out.first = Some(FirstHit {
-                depth: depth_of(interaction.position),
                 position: interaction.position,
                 face: interaction.face,
                 object: interaction.object + 1,
             });
         }
         out.radiance += throughput * interaction.emission;
-        if scattered == options.max_bounces {
+        let Some(view) = view.filter(|_| scattered < options.max_bounces) else {
             return out;
-        }
+        };
 
         // Light that comes straight from a light.
         let lights = sampler.set(1 + 2 * scattered);
-        out.radiance += throughput * direct(world, &interaction, &bsdf, wo, ray.time, lights, rays);
+        out.radiance += throughput * direct(world, &interaction, &view, ray.time, lights, rays);
 
         // Light that comes any other way.
         let [u0, u1, u2, roulette] = sampler.set(2 + 2 * scattered);
-        let Some(sample) = bsdf.sample(wo, [u0, u1, u2]) else {
+        let Some(sample) = view.sample([u0, u1, u2]) else {
             return out;
         };
         let specular = if world.lights_are_split {
-            specular_share(&bsdf, wo, sample.wi)
+            specular_share(&view, sample.wi)
         } else {
             0.0
         };
@@ -170,8 +192,9 @@ fn share(last: Option<Scattering>, world: &World, light: usize) -> f32 {
     diffuse + (specular - diffuse) * last.specular
 }
 
-fn specular_share(bsdf: &Bsdf, wo: Vec3, wi: Vec3) -> f32 {
-    let [diffuse, specular] = bsdf.eval_split(wo, wi).map(Vec3::element_sum);
+fn specular_share(view: &View<'_>, wi: Vec3) -> f32 {
+    let value = view.eval(wi);
+    let [diffuse, specular] = [value.diffuse, value.specular].map(Vec3::element_sum);
     if diffuse + specular > 0.0 {
         specular / (diffuse + specular)
     } else {
@@ -193,11 +216,24 @@ fn power_heuristic(this: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
+/// From clear of the surface to just short of the light's point `distance` along `wi`. It aims at that point, not
+/// along `wi`: beside it, a ray to the limb of a round light would be shadowed by the light itself.
+fn shadow_ray(interaction: &Interaction, wi: Vec3, distance: f32, time: f32) -> Ray {
+    let origin = interaction.leave(wi);
+    if distance.is_infinite() {
+        return Ray::new(origin, wi, time);
+    }
+    let to = interaction.position + distance * wi - origin;
+    let distance = to.length();
+    let mut ray = Ray::new(origin, to / distance, time);
+    ray.t_max = distance * (1.0 - 1e-4);
+    ray
+}
+
 fn direct(
     world: &World,
     interaction: &Interaction,
-    bsdf: &Bsdf,
-    wo: Vec3,
+    view: &View<'_>,
     time: f32,
     [pick, u, v, _]: [f32; 4],
     rays: &mut Rays,
@@ -205,7 +241,7 @@ fn direct(
     let Some(light) = world.lights.sample(interaction.position, pick, [u, v]) else {
         return Vec3::ZERO;
     };
-    let value = bsdf.eval_all(wo, light.wi);
+    let value = view.eval(light.wi);
     let reflected = if world.lights_are_split {
         let [diffuse, specular] = world.lights.multipliers(light.light);
         diffuse * value.diffuse + specular * value.specular
@@ -224,8 +260,5 @@ fn direct(
         return Vec3::ZERO;
     }
     rays.shadow += 1;
-    let origin = interaction.leave(light.wi);
-    let mut ray = Ray::new(origin, light.wi, time);
-    ray.t_max = light.distance * (1.0 - 1e-4);
-    contribution * world.transmittance(&ray)
+    contribution * world.transmittance(&shadow_ray(interaction, light.wi, light.distance, time))
 }

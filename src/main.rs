@@ -5,12 +5,5 @@ mod cli;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match cli::run() {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            let code = error.exit_code();
-            cli::report(error);
-            ExitCode::from(code)
-        }
-    }
+    cli::run()
 }

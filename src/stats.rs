@@ -16,7 +16,7 @@ pub struct Stats {
     pub scene: String,
     /// SHA-256 over the scene's files in the order in which they were read.
     pub scene_hash: String,
-    /// Wall-clock seconds of each stage, in order.
+    /// Time and memory of each stage, in order.
     pub stages: Vec<Stage>,
     /// Pixels that were rendered.
     pub resolution: [u32; 2],
@@ -28,6 +28,8 @@ pub struct Stats {
     pub rays: Rays,
     /// Million rays a second of wall-clock time in the stage `render`.
     pub mrays_per_second: f64,
+    /// Nanoseconds of one thread for a ray, all that the path does with it included.
+    pub nanoseconds_per_ray: f64,
     /// Bytes by owner after building.
     pub bytes: Bytes,
     /// Counts of what the scene holds.
@@ -59,13 +61,34 @@ impl Default for Versions {
     }
 }
 
-/// A stage's name and wall-clock time.
+/// What a stage took.
 #[derive(Debug, Clone, Serialize)]
 pub struct Stage {
     /// `load`, `build`, `render`, `write`.
     pub name: &'static str,
     /// Wall-clock seconds.
     pub seconds: f64,
+    /// Memory that the process has in use at its end, all libraries included; none where the system does not tell.
+    pub resident_bytes: Option<u64>,
+}
+
+impl Stage {
+    /// A stage that began at `start` and ends now.
+    pub fn ended(name: &'static str, start: Instant) -> Self {
+        Self {
+            name,
+            seconds: start.elapsed().as_secs_f64(),
+            resident_bytes: resident_bytes(),
+        }
+    }
+}
+
+/// From Linux's process file system.
+fn resident_bytes() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
+    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim_end().parse().ok()?;
+    Some(1024 * kibibytes)
 }
 
 /// Rays by kind.
@@ -130,10 +153,7 @@ impl Stats {
     pub fn time<T>(&mut self, name: &'static str, stage: impl FnOnce(&mut Self) -> T) -> T {
         let start = Instant::now();
         let result = stage(self);
-        self.stages.push(Stage {
-            name,
-            seconds: start.elapsed().as_secs_f64(),
-        });
+        self.stages.push(Stage::ended(name, start));
         result
     }
 

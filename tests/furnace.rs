@@ -1,6 +1,6 @@
 //! Scenes whose radiance is known.
 
-use crate::common::{mean, options, read, run, write_scene};
+use crate::common::{cube, mean, options, read, run, write_scene};
 use relievo::integrate::PathOptions;
 use relievo::math::Vec3;
 
@@ -14,23 +14,6 @@ def Camera "Camera" {
     uniform token[] xformOpOrder = ["xformOp:translate"]
 }
 "#;
-
-/// A cube of half-width `h` whose faces look outward, or inward.
-fn cube(name: &str, h: f32, inward: bool, attributes: &str) -> String {
-    let orientation = if inward { "leftHanded" } else { "rightHanded" };
-    format!(
-        r#"
-def Mesh "{name}" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
-    uniform token orientation = "{orientation}"
-    int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
-    int[] faceVertexIndices = [0, 1, 2, 3, 4, 7, 6, 5, 0, 4, 5, 1, 1, 5, 6, 2, 2, 6, 7, 3, 3, 7, 4, 0]
-    point3f[] points = [(-{h}, -{h}, -{h}), ({h}, -{h}, -{h}), ({h}, -{h}, {h}), (-{h}, -{h}, {h}),
-                        (-{h}, {h}, -{h}), ({h}, {h}, -{h}), ({h}, {h}, {h}), (-{h}, {h}, {h})]
-    {attributes}
-}}
-"#
-    )
-}
 
 /// A closed room that emits `E` and reflects `a` shows `E (1 + a + … + a^n)` everywhere after `n` scatterings.
 #[test]
@@ -51,7 +34,7 @@ def Material "Glow" {{
 }}
 "#
         );
-        let room = cube("Room", 8.0, true, "rel material:binding = </Glow>");
+        let room = cube("Room", 8.0, true, false, "rel material:binding = </Glow>");
         let scene = write_scene(
             folder.path(),
             "room.usda",
@@ -84,6 +67,7 @@ fn a_ball_under_a_dome() {
         let ball = cube(
             "Ball",
             3.0,
+            false,
             false,
             &format!("color3f[] primvars:displayColor = [({albedo}, {albedo}, {albedo})]"),
         );

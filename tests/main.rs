@@ -8,6 +8,11 @@
 #![allow(unreachable_pub, reason = "a test binary has no outside")]
 
 mod common;
+mod errors;
 mod furnace;
+mod layers;
+mod lights;
+mod manners;
 mod pictures;
+mod smooth;
 mod usd_oracle;

@@ -1,14 +1,19 @@
 //! `relievo info`.
 
-use std::collections::BTreeSet;
+use std::fmt::Write;
 use std::path::PathBuf;
 
 use clap::Args;
+use rayon::prelude::*;
 use relievo::Result;
+use relievo::image::Texture;
 use relievo::mesh::{Crease, Scheme};
-use relievo::scene::{self, LoadOptions};
+use relievo::render::estimate;
+use relievo::scene::{self, Description, LoadOptions, MissingLayers};
 
-/// Tell what is in a scene.
+/// Tell what is in a scene: prims, faces, creases, textures, and what memory a picture of it will take.
+///
+/// Textures are read for their size. Layers that are missing are told and do not stop it.
 #[derive(Debug, Args)]
 pub(crate) struct Info {
     /// Scene: .usd, .usda, .usdc, .usdz or .obj.
@@ -16,113 +21,184 @@ pub(crate) struct Info {
     /// Frame to look at [default: the file's start frame]
     #[arg(long, allow_negative_numbers = true)]
     frame: Option<f64>,
-    /// One line for every mesh, light and material.
+    /// One line for every mesh, light, material and texture.
     #[arg(long, short)]
     long: bool,
 }
 
 impl Info {
-    #[expect(clippy::print_stdout, reason = "this command prints")]
     pub(crate) fn run(self) -> Result<()> {
         let options = LoadOptions {
             frame: self.frame,
+            missing_layers: MissingLayers::Skip,
             ..LoadOptions::default()
         };
         let scene = scene::load(&self.scene, &options)?;
-        println!("{}", self.scene.display());
-        println!("  files       {}", scene.files.len());
-        println!(
-            "  up          {}",
-            if scene.up == relievo::math::Vec3::Z {
-                "Z"
-            } else {
-                "Y"
+        let mut out = format!("{}\n", self.scene.display());
+        // Writing to a string cannot fail.
+        let _ = self.tell(&scene, &mut out);
+        super::print(out.as_bytes())
+    }
+
+    fn tell(&self, scene: &Description, out: &mut String) -> std::fmt::Result {
+        tell_stage(scene, out)?;
+        tell_meshes(scene, out)?;
+        writeln!(out, "  lights      {}", scene.lights.len())?;
+        writeln!(out, "  materials   {}", scene.materials.len())?;
+        let textures: Vec<_> = scene
+            .textures
+            .par_iter()
+            .map(|t| Texture::load(&t.image, [t.wrap_s, t.wrap_t], t.color_space))
+            .collect();
+        let missing = textures.iter().filter(|t| t.is_err()).count();
+        let bytes: usize = textures.iter().flatten().map(Texture::memory).sum();
+        writeln!(
+            out,
+            "  textures    {}, {missing} of them cannot be read",
+            textures.len()
+        )?;
+        match estimate(scene) {
+            Ok(e) => {
+                let all = e.embree + e.control_meshes + e.film + bytes as u64;
+                let [width, height] = e.resolution;
+                writeln!(
+                    out,
+                    "  memory      about {} at {width} x {height} pixels",
+                    megabytes(all)
+                )?;
+                writeln!(
+                    out,
+                    "    geometry      about {} for {} micro-triangles",
+                    megabytes(e.embree),
+                    e.micro_triangles
+                )?;
+                writeln!(out, "    meshes        {}", megabytes(e.control_meshes))?;
+                writeln!(out, "    textures      {}", megabytes(bytes as u64))?;
+                writeln!(out, "    film          {}", megabytes(e.film))?;
             }
-        );
-        println!("  units       {} m", scene.meters_per_unit);
-        if let Some(frame) = scene.frame {
-            println!(
-                "  frame       {frame} of {} a second",
-                scene.frames_per_second
-            );
+            Err(error) => writeln!(out, "  memory      {error}")?,
         }
-        for camera in &scene.cameras {
-            println!(
-                "  camera      {}  {} mm, f/{}, shutter {}..{}",
-                camera.path,
-                camera.focal_length,
-                camera.f_stop,
-                camera.shutter[0],
-                camera.shutter[1]
-            );
-        }
-        let meshes = || scene.shapes.iter().map(|s| &s.mesh);
-        let faces: usize = meshes().map(|m| m.face_count()).sum();
-        println!(
-            "  meshes      {} in {} places, {faces} faces",
-            scene.shapes.len(),
-            scene.placements.len()
-        );
-        for (scheme, name) in [
-            (Scheme::CatmullClark, "Catmull-Clark"),
-            (Scheme::Loop, "Loop"),
-            (Scheme::Bilinear, "bilinear"),
-            (Scheme::None, "polygons"),
-        ] {
-            let count = meshes().filter(|m| m.scheme == scheme).count();
-            if count > 0 {
-                println!("    {name:13} {count}");
-            }
-        }
-        let creases = meshes().map(|m| m.creases.len()).sum::<usize>();
-        let infinite = meshes()
-            .flat_map(|m| &m.creases)
-            .filter(|c| c.sharpness >= Crease::INFINITE)
-            .count();
-        println!("    creases       {creases} edges, {infinite} of them infinitely sharp");
-        println!(
-            "    corners       {}",
-            meshes().map(|m| m.corners.len()).sum::<usize>()
-        );
-        println!(
-            "    holes         {}",
-            meshes().map(|m| m.holes.len()).sum::<usize>()
-        );
-        println!("  lights      {}", scene.lights.len());
-        println!("  materials   {}", scene.materials.len());
-        println!("  textures    {}", scene.textures.len());
-        let bytes: usize = meshes().map(|m| m.memory()).sum();
-        println!(
-            "  memory      {:.1} MB of control meshes",
-            bytes as f64 / 1e6
-        );
         if self.long {
-            for shape in &scene.shapes {
-                let names: BTreeSet<&str> = shape
-                    .mesh
-                    .primvars
-                    .iter()
-                    .map(|p| p.name.as_str())
-                    .collect();
-                println!(
-                    "  mesh        {}  {} faces, primvars {names:?}",
-                    shape.path,
-                    shape.mesh.face_count()
-                );
-            }
-            for light in &scene.lights {
-                println!("  light       {}  {:?}", light.path, light.kind);
-            }
-            for material in &scene.materials {
-                println!("  material    {}", material.path);
-            }
+            tell_each(scene, &textures, out)?;
         }
         for warning in scene.warnings.iter() {
-            println!(
-                "  warning     {} ({} times)",
-                warning.message, warning.count
-            );
+            let times = match warning.count {
+                1 => String::new(),
+                n => format!(" ({n} times)"),
+            };
+            writeln!(out, "  warning     {}{times}", warning.message)?;
         }
         Ok(())
     }
+}
+
+fn tell_stage(scene: &Description, out: &mut String) -> std::fmt::Result {
+    let up = if scene.up == relievo::math::Vec3::Z {
+        "Z"
+    } else {
+        "Y"
+    };
+    writeln!(out, "  files       {}", scene.files.len())?;
+    writeln!(out, "  up          {up}")?;
+    writeln!(out, "  units       {} m", scene.meters_per_unit)?;
+    if let Some(frame) = scene.frame {
+        let rate = scene.frames_per_second;
+        writeln!(out, "  frame       {frame} of {rate} a second")?;
+    }
+    for camera in &scene.cameras {
+        let [open, close] = camera.shutter;
+        writeln!(
+            out,
+            "  camera      {}  {} mm, f/{}, shutter {open}..{close}",
+            camera.path, camera.focal_length, camera.f_stop,
+        )?;
+    }
+    Ok(())
+}
+
+fn tell_meshes(scene: &Description, out: &mut String) -> std::fmt::Result {
+    let meshes = || scene.shapes.iter().map(|s| &s.mesh);
+    let faces: usize = meshes().map(|m| m.face_count()).sum();
+    writeln!(
+        out,
+        "  meshes      {} in {} places, {faces} faces",
+        scene.shapes.len(),
+        scene.placements.len()
+    )?;
+    for (scheme, name) in [
+        (Scheme::CatmullClark, "Catmull-Clark"),
+        (Scheme::Loop, "Loop"),
+        (Scheme::Bilinear, "bilinear"),
+        (Scheme::None, "polygons"),
+    ] {
+        let count = meshes().filter(|m| m.scheme == scheme).count();
+        if count > 0 {
+            writeln!(out, "    {name:13} {count}")?;
+        }
+    }
+    let creases = meshes().map(|m| m.creases.len()).sum::<usize>();
+    let infinite = meshes()
+        .flat_map(|m| &m.creases)
+        .filter(|c| c.sharpness >= Crease::INFINITE)
+        .count();
+    let corners = meshes().map(|m| m.corners.len()).sum::<usize>();
+    let holes = meshes().map(|m| m.holes.len()).sum::<usize>();
+    writeln!(
+        out,
+        "    creases       {creases} edges, {infinite} of them infinitely sharp"
+    )?;
+    writeln!(out, "    corners       {corners}")?;
+    writeln!(out, "    holes         {holes}")
+}
+
+/// A line for each thing.
+fn tell_each(
+    scene: &Description,
+    textures: &[Result<Texture, relievo::error::Fault>],
+    out: &mut String,
+) -> std::fmt::Result {
+    for shape in &scene.shapes {
+        let mut names: Vec<&str> = shape
+            .mesh
+            .primvars
+            .iter()
+            .map(|p| p.name.as_str())
+            .collect();
+        names.sort_unstable();
+        let faces = shape.mesh.face_count();
+        let primvars = match names.as_slice() {
+            [] => "no primvars".to_owned(),
+            names => format!("primvars {}", names.join(", ")),
+        };
+        writeln!(
+            out,
+            "  mesh        {}  {faces} faces, {primvars}",
+            shape.path
+        )?;
+    }
+    for light in &scene.lights {
+        writeln!(out, "  light       {}  {:?}", light.path, light.kind)?;
+    }
+    for material in &scene.materials {
+        writeln!(out, "  material    {}", material.path)?;
+    }
+    for (source, texture) in scene.textures.iter().zip(textures) {
+        match texture {
+            Ok(texture) => {
+                let [width, height] = texture.size();
+                let bytes = megabytes(texture.memory() as u64);
+                writeln!(
+                    out,
+                    "  texture     {}  {width} x {height}, {bytes}",
+                    source.image
+                )?;
+            }
+            Err(fault) => writeln!(out, "  texture     {fault}, for {}", source.prim)?,
+        }
+    }
+    Ok(())
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{:.1} MB", bytes as f64 / 1e6)
 }

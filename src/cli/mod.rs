@@ -1,10 +1,15 @@
 //! The command line, one file a command.
 
+mod eval;
 mod info;
 mod render;
+mod scheme;
+mod subdivide;
 
-use std::io::IsTerminal;
+use std::io::{IsTerminal, Write};
+use std::process::ExitCode;
 
+use clap::builder::styling::{AnsiColor, Style};
 use clap::{CommandFactory, Parser, Subcommand};
 use relievo::{Error, Result};
 
@@ -39,6 +44,10 @@ enum Command {
     Render(Box<render::Render>),
     /// Tell what is in a scene: cameras, meshes, lights, materials, memory.
     Info(info::Info),
+    /// Refine a cage to a finer OBJ file.
+    Subdivide(subdivide::Subdivide),
+    /// Evaluate the limit surface of a cage.
+    Eval(eval::Eval),
     /// Print a completion script for a shell.
     Completions {
         /// The shell.
@@ -46,8 +55,8 @@ enum Command {
     },
 }
 
-/// Runs the command that the arguments name.
-pub(crate) fn run() -> Result<()> {
+/// Runs the command that the arguments name, and says why it failed.
+pub(crate) fn run() -> ExitCode {
     let arguments = Arguments::parse();
     let level = match (arguments.quiet, arguments.verbose) {
         (true, _) => tracing::Level::ERROR,
@@ -62,27 +71,55 @@ pub(crate) fn run() -> Result<()> {
         .without_time()
         .with_target(false)
         .init();
-    match arguments.command {
+    let json = matches!(&arguments.command, Command::Render(render) if render.reports_json());
+    let result = match arguments.command {
         Command::Render(render) => render.run(arguments.quiet),
         Command::Info(info) => info.run(),
+        Command::Subdivide(subdivide) => subdivide.run(),
+        Command::Eval(eval) => eval.run(),
         Command::Completions { shell } => {
-            clap_complete::generate(
-                shell,
-                &mut Arguments::command(),
-                "relievo",
-                &mut std::io::stdout(),
-            );
-            Ok(())
+            let mut script = Vec::new();
+            clap_complete::generate(shell, &mut Arguments::command(), "relievo", &mut script);
+            print(&script)
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            report(&error, json);
+            ExitCode::from(error.exit_code())
         }
     }
 }
 
-/// Prints an error with its advice.
-#[expect(clippy::print_stderr, reason = "this is where errors go")]
-pub(crate) fn report(error: Error) {
-    if matches!(error, Error::Interrupted) {
-        eprintln!("interrupted");
-    } else {
-        eprintln!("{:?}", miette::Report::new(error));
+/// Writes to the standard output. Who closes the pipe early has read enough: that is no failure.
+fn print(bytes: &[u8]) -> Result<()> {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Error::failed(format!("standard output: {e}")))
+        }
+        _ => Ok(()),
     }
+}
+
+/// Prints an error with its advice, each on a line of its own that logs can be searched for.
+fn report(error: &Error, json: bool) {
+    let text = if json {
+        serde_json::json!({
+            "error": error.to_string(), "help": error.help(), "code": error.exit_code(),
+        })
+        .to_string()
+    } else {
+        let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+        let style = |style: Style| if color { style } else { Style::new() };
+        let red = style(AnsiColor::Red.on_default().bold());
+        let bold = style(Style::new().bold());
+        let help = error
+            .help()
+            .map_or_else(String::new, |help| format!("\n {bold}help:{bold:#} {help}"));
+        format!("{red}error:{red:#} {error}{help}")
+    };
+    // Whoever closed the stream does not want to know.
+    let _ = writeln!(std::io::stderr(), "{text}");
 }

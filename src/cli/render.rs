@@ -10,7 +10,7 @@ use relievo::math::Vec4;
 use relievo::render::{
     AOVS, Aov, Output, PixelType, Progress, ProgressStyle, RenderOptions, render,
 };
-use relievo::scene::{LoadOptions, Purpose};
+use relievo::scene::{LoadOptions, MissingLayers, Purpose};
 use relievo::shade::filter::{Filter, FilterKind};
 use relievo::world::{BuildOptions, Dicing};
 use relievo::{Error, Result};
@@ -44,9 +44,13 @@ pub(crate) struct Render {
     /// Frame to render [default: the file's start frame]
     #[arg(long, help_heading = "View", allow_negative_numbers = true)]
     frame: Option<f64>,
-    /// Purposes to show beside the default one.
-    #[arg(long, value_enum, default_values_t = [PurposeArgument::Render], value_delimiter = ',', help_heading = "View")]
-    purpose: Vec<PurposeArgument>,
+    /// Purposes to show beside the default one, with commas between [default: the render settings', else
+    /// render]
+    #[arg(long, value_enum, value_delimiter = ',', help_heading = "View")]
+    purpose: Option<Vec<PurposeArgument>>,
+    /// Render settings prim to use [default: the one that the file names]
+    #[arg(long, value_name = "PRIM", help_heading = "View")]
+    settings: Option<String>,
 
     /// Samples in each pixel.
     #[arg(long, default_value_t = 64, value_parser = clap::value_parser!(u32).range(1..=65_536), help_heading = "Quality")]
@@ -76,6 +80,10 @@ pub(crate) struct Render {
     /// What to do about textures that cannot be read.
     #[arg(long, value_enum, default_value_t = MissingTextures::Error, help_heading = "Scene")]
     missing_textures: MissingTextures,
+
+    /// What to do about layers and prims that the scene refers to and that are not there.
+    #[arg(long, value_enum, default_value_t = MissingLayersArgument::Error, help_heading = "Scene")]
+    missing_layers: MissingLayersArgument,
 
     /// Planes beside the beauty, with commas between.
     #[arg(long, value_enum, value_delimiter = ',', help_heading = "Picture")]
@@ -109,9 +117,25 @@ pub(crate) struct Render {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum PurposeArgument {
+    /// No other.
+    Default,
+    /// For final pictures.
     Render,
+    /// Stand-ins.
     Proxy,
+    /// Helpers that artists see.
     Guide,
+}
+
+impl PurposeArgument {
+    fn purpose(self) -> Option<Purpose> {
+        match self {
+            Self::Default => None,
+            Self::Render => Some(Purpose::Render),
+            Self::Proxy => Some(Purpose::Proxy),
+            Self::Guide => Some(Purpose::Guide),
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -128,6 +152,14 @@ enum MissingTextures {
     Error,
     /// Go on with magenta in their place.
     Magenta,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum MissingLayersArgument {
+    /// Stop.
+    Error,
+    /// Go on without them.
+    Skip,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -191,6 +223,11 @@ fn bytes(text: &str) -> std::result::Result<usize, String> {
 }
 
 impl Render {
+    /// Whether all that is said shall be JSON.
+    pub(crate) fn reports_json(&self) -> bool {
+        matches!(self.progress, ProgressArgument::Json)
+    }
+
     pub(crate) fn run(self, quiet: bool) -> Result<()> {
         let positive = |value: f32, name: &str| {
             if value.is_finite() && value > 0.0 {
@@ -241,13 +278,10 @@ impl Render {
 
     fn options(self) -> RenderOptions {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
-        let purposes = self.purpose.iter().map(|p| match p {
-            PurposeArgument::Render => Purpose::Render,
-            PurposeArgument::Proxy => Purpose::Proxy,
-            PurposeArgument::Guide => Purpose::Guide,
-        });
+        let purposes = |p: Vec<PurposeArgument>| p.into_iter().filter_map(PurposeArgument::purpose);
         RenderOptions {
             output: Output {
+                from_scene: self.output.is_none(),
                 picture: self.output.unwrap_or_else(|| {
                     PathBuf::from(self.scene.file_stem().unwrap_or_default()).with_extension("exr")
                 }),
@@ -282,8 +316,12 @@ impl Render {
                 frame: self.frame,
                 camera: self.camera.clone(),
                 motion_blur: !self.no_motion_blur,
-                purposes: purposes.collect(),
-                settings: None,
+                purposes: self.purpose.map(|p| purposes(p).collect()),
+                settings: self.settings,
+                missing_layers: match self.missing_layers {
+                    MissingLayersArgument::Error => MissingLayers::Error,
+                    MissingLayersArgument::Skip => MissingLayers::Skip,
+                },
             },
             camera: self.camera,
             depth_of_field: !self.no_depth_of_field,

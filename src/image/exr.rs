@@ -167,15 +167,8 @@ mod tests {
     use std::fs;
 
     use super::*;
-    use crate::image::border::{Format, Input, Pixels};
+    use crate::image::test_files;
     use crate::image::{Attribute, Compression};
-
-    fn channel(name: &str, format: ChannelFormat) -> Channel {
-        Channel {
-            name: name.into(),
-            format,
-        }
-    }
 
     /// 5 × 3 pixels at 2, 1 in a window of 10 × 8: colour in half, depth in float; and a part of ids.
     fn picture() -> Picture {
@@ -184,29 +177,14 @@ mod tests {
             let i = i as f32;
             [i / 8.0, 1.0, -0.5, 0.25, 1000.0 + i / 1024.0]
         });
-        let ids = (0..15_u32).map(|i| f32::from_bits(u32::MAX - i));
+        let ids: Vec<_> = (0..15_u32).map(|i| f32::from_bits(u32::MAX - i)).collect();
+        let beauty: Vec<_> = beauty.collect();
+        let mut first = test_files::part("beauty", "RGBAZ", Half, &beauty);
+        first.channels[4].format = Float;
+        let first = test_files::picture(5, first);
         Picture {
-            width: 5,
-            height: 3,
             display_window: (10, 8, 2, 1),
-            parts: vec![
-                Part {
-                    name: "beauty".into(),
-                    channels: vec![
-                        channel("R", Half),
-                        channel("G", Half),
-                        channel("B", Half),
-                        channel("A", Half),
-                        channel("Z", Float),
-                    ],
-                    pixels: beauty.collect(),
-                },
-                Part {
-                    name: "id".into(),
-                    channels: vec![channel("id", Uint)],
-                    pixels: ids.collect(),
-                },
-            ],
+            parts: [first.parts, vec![test_files::part("id", "I", Uint, &ids)]].concat(),
             metadata: vec![
                 ("samplesPerPixel".into(), Attribute::Int(64)),
                 ("renderTimeSeconds".into(), Attribute::Float(1.5)),
@@ -219,8 +197,8 @@ mod tests {
                     Attribute::Matrix(std::array::from_fn(|i| i as f32)),
                 ),
             ],
-            tile: None,
             compression: Compression::Zips,
+            ..first
         }
     }
 
@@ -236,7 +214,7 @@ mod tests {
                     ..picture()
                 };
                 write_exr(&path, &picture).expect("written");
-                let mut input = Input::open(path.as_os_str(), None).expect("opened");
+                let mut input = test_files::open(&path);
                 let info = input.info(0).expect("header");
                 assert_eq!((info.width, info.height), (5, 3));
                 assert_eq!((info.origin, info.full_size), ([2, 1], [10, 8]));
@@ -248,11 +226,7 @@ mod tests {
                     let (name, format) = input.channel(0, i as u32).expect("a channel");
                     assert_eq!((name, format), (channel.name.clone(), Some(channel.format)));
                 }
-                let Pixels::Float(pixels) = input.read(0, 5, Format::Float, 1 << 20).expect("read")
-                else {
-                    panic!("not floats");
-                };
-                assert_eq!(pixels, part.pixels);
+                assert_eq!(test_files::floats(&mut input, 5), part.pixels);
                 let ids = input.read_uint(1, 1).expect("read");
                 assert_eq!((ids[0], ids[14]), (u32::MAX, u32::MAX - 14));
 
@@ -296,25 +270,15 @@ mod tests {
         for tile in [None, Some(96)] {
             for compression in Compression::ALL {
                 let pixels: Vec<f32> = (0..width * height).map(|i| (i / 64) as f32).collect();
+                let part = test_files::part("", "Z", ChannelFormat::Float, &pixels);
                 let picture = Picture {
-                    width,
-                    height,
-                    display_window: (width, height, 0, 0),
-                    parts: vec![Part {
-                        name: String::new(),
-                        channels: vec![channel("Z", ChannelFormat::Float)],
-                        pixels: pixels.clone(),
-                    }],
-                    metadata: Vec::new(),
                     tile,
                     compression,
+                    ..test_files::picture(width, part)
                 };
                 write_exr(&path, &picture).expect("written");
-                let mut input = Input::open(path.as_os_str(), None).expect("opened");
-                let Pixels::Float(read) = input.read(0, 1, Format::Float, 1 << 20).expect("read")
-                else {
-                    panic!("not floats");
-                };
+                let mut input = test_files::open(&path);
+                let read = test_files::floats(&mut input, 1);
                 assert_eq!(read, pixels, "{compression:?}");
             }
         }

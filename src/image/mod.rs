@@ -8,6 +8,8 @@ mod picture;
 mod png;
 mod source;
 mod temporary;
+#[cfg(test)]
+mod test_files;
 mod texture;
 
 pub use border::version;
@@ -15,8 +17,7 @@ pub use exr::write_exr;
 pub use picture::{Attribute, Channel, ChannelFormat, Compression, Part, Picture};
 pub use png::write_png;
 pub use source::{ColorSpace, ImageSource, Wrap};
-pub use temporary::check_destination;
-pub(crate) use temporary::write_whole;
+pub use temporary::{check_destination, write_whole};
 pub use texture::Texture;
 
 /// The sRGB curve (IEC 61966-2-1): encoded to linear light.

@@ -80,7 +80,8 @@ fn byte(unit: f32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::border::{Format, Input, Pixels};
+    use crate::image::border::Format;
+    use crate::image::test_files;
 
     #[test]
     fn bytes_come_back() {
@@ -95,7 +96,7 @@ mod tests {
             Vec4::ONE,
         ];
         write_png(&path, 3, 2, &rgba).expect("written");
-        let mut input = Input::open(path.as_os_str(), None).expect("opened");
+        let mut input = test_files::open(&path);
         let info = input.info(0).expect("header");
         assert_eq!((info.width, info.height, info.channels), (3, 2, 4));
         assert_eq!(info.format, Format::Byte);
@@ -103,9 +104,7 @@ mod tests {
             info.color_space.to_lowercase().replace("_rec709_scene", ""),
             "srgb"
         );
-        let Pixels::Byte(bytes) = input.read(0, 4, Format::Byte, 1 << 20).expect("read") else {
-            panic!("not bytes");
-        };
+        let bytes = test_files::bytes(&mut input, 4);
         assert_eq!(bytes[..4], [0, 128, 255, 255]);
         assert_eq!(bytes[4..8], [188, 0, 255, 128]);
         assert_eq!(bytes[8..12], [0, 255, 0, 255]);

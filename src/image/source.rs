@@ -17,6 +17,18 @@ pub enum ImageSource {
     },
 }
 
+impl std::fmt::Display for ImageSource {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::File(path) => path.display().fmt(f),
+            Self::Packed { package, tiles } => {
+                let name = tiles.first().map_or("", |(_, name, _)| name);
+                write!(f, "{}[{name}]", package.display())
+            }
+        }
+    }
+}
+
 /// What lies beyond the border of a texture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Wrap {

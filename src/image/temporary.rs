@@ -36,7 +36,10 @@ pub fn check_destination(path: &Path) -> Result<()> {
 }
 
 /// Lets `write` write a file with a temporary name and then gives it its own. Whatever fails, no part of it stays.
-pub(crate) fn write_whole(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+///
+/// # Errors
+/// What `write` fails with; failures if the place cannot be written to.
+pub fn write_whole(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
     check_destination(path)?;
     let temporary = Temporary(temporary_name(path));
     write(&temporary.0)?;

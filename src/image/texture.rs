@@ -500,7 +500,7 @@ fn fault(path: &Path, refusal: &Refusal) -> Fault {
             format!("the image cannot be opened: {reason}"),
             format!(
                 "OpenImageIO {} reads OpenEXR, PNG, JPEG, TIFF, Radiance HDR and more: check that the file is \
-                 whole, and convert it if it has another format.",
+                 whole, and convert it if it has another format",
                 border::version()
             )
             .into(),

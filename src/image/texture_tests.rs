@@ -1,32 +1,12 @@
 use super::*;
-use crate::image::{Channel, ChannelFormat, Compression, Part, Picture, write_exr, write_png};
+use crate::image::{ChannelFormat, test_files, write_exr, write_png};
 
 const REPEAT: [Wrap; 2] = [Wrap::Repeat; 2];
 
 /// Writes floats (rows from the top) as an EXR file with channels of these names.
 fn exr(path: &Path, width: u32, names: &str, format: ChannelFormat, pixels: &[f32]) {
-    let channels: Vec<_> = names
-        .chars()
-        .map(|name| Channel {
-            name: name.into(),
-            format,
-        })
-        .collect();
-    let height = (pixels.len() / channels.len()) as u32 / width;
-    let picture = Picture {
-        width,
-        height,
-        display_window: (width, height, 0, 0),
-        parts: vec![Part {
-            name: String::new(),
-            channels,
-            pixels: pixels.to_vec(),
-        }],
-        metadata: Vec::new(),
-        tile: None,
-        compression: Compression::Zip,
-    };
-    write_exr(path, &picture).expect("written");
+    let part = test_files::part("", names, format, pixels);
+    write_exr(path, &test_files::picture(width, part)).expect("written");
 }
 
 /// Grey 2 × 2 with rows 0, 1 and 2, 3.
@@ -280,7 +260,7 @@ fn too_many_texels_are_refused_before_they_are_allocated() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("a.exr");
     exr(&path, 2, "RGB", ChannelFormat::Float, &[0.0; 12]);
-    let mut input = Input::open(path.as_os_str(), None).expect("opened");
+    let mut input = test_files::open(&path);
     let refusal = input
         .read(0, 3, border::Format::Float, 47)
         .expect_err("too large");

@@ -21,6 +21,14 @@ impl Bounds3 {
         points.into_iter().fold(Self::EMPTY, |b, p| b.including(p))
     }
 
+    /// The box that reaches `reach`, at least 0, from `centre` along each axis both ways.
+    pub fn around(centre: Vec3, reach: Vec3) -> Self {
+        Self {
+            min: centre - reach,
+            max: centre + reach,
+        }
+    }
+
     /// The smallest box around this one and `p`.
     #[must_use]
     pub fn including(self, p: Vec3) -> Self {

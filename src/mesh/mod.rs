@@ -1,6 +1,8 @@
 //! The control mesh: what a file says of a surface, as plain arrays.
 
+mod polyline;
 mod tags;
+mod topology;
 mod triangulate;
 mod validate;
 
@@ -9,6 +11,8 @@ pub use tags::{
     TriangleRule,
 };
 
+pub use polyline::Polyline;
+pub use topology::Topology;
 pub use triangulate::{Triangles, triangulate};
 
 use crate::math::{Bounds3, Vec3};
@@ -116,6 +120,18 @@ impl ControlMesh {
         })
     }
 
+    /// Who meets whom in this mesh.
+    ///
+    /// # Panics
+    /// If the mesh is not valid.
+    pub fn topology(&self) -> Topology {
+        Topology::new(
+            &self.face_vertex_counts,
+            self.face_vertex_indices.clone(),
+            self.point_count(),
+        )
+    }
+
     /// Bytes that its arrays hold.
     pub fn memory(&self) -> usize {
         let primvar = |p: &Primvar| 4 * (p.values.len() + p.indices.as_ref().map_or(0, Vec::len));
@@ -151,6 +167,14 @@ impl Primvar {
             .indices
             .as_ref()
             .map_or(i, |indices| indices[i] as usize);
+        self.element(element)
+    }
+
+    /// The element of this number, whatever has it.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn element(&self, element: usize) -> &[f32] {
         let width = self.width as usize;
         &self.values[element * width..][..width]
     }

@@ -21,6 +21,19 @@ impl ControlMesh {
         Ok(())
     }
 
+    /// The first face that runs through a point more than once, and the point. Such a face has an edge of no
+    /// length or touches itself; it is refined as any other, but rarely meant.
+    pub fn repeated_corner(&self) -> Option<(usize, u32)> {
+        let mut sorted = Vec::new();
+        self.faces().enumerate().find_map(|(face, range)| {
+            sorted.clear();
+            sorted.extend_from_slice(&self.face_vertex_indices[range]);
+            sorted.sort_unstable();
+            let twice = sorted.windows(2).find(|pair| pair[0] == pair[1]);
+            twice.map(|pair| (face, pair[0]))
+        })
+    }
+
     fn validate_points(&self) -> Result<(), Fault> {
         let Some(first) = self.points.first() else {
             return Err(Fault::new("the mesh has no points"));
@@ -133,7 +146,11 @@ impl ControlMesh {
         Ok(())
     }
 
-    fn validate_primvar(&self, primvar: &Primvar) -> Result<(), Fault> {
+    /// Checks a primvar that this mesh is to carry.
+    ///
+    /// # Errors
+    /// The first fault found: a wrong count, an index out of range, a number that is not finite.
+    pub fn validate_primvar(&self, primvar: &Primvar) -> Result<(), Fault> {
         let name = &primvar.name;
         if primvar.width == 0 || !primvar.values.len().is_multiple_of(primvar.width as usize) {
             return Err(Fault::new(format!(
@@ -152,7 +169,9 @@ impl ControlMesh {
             .indices
             .as_ref()
             .map_or(primvar.elements(), Vec::len);
-        if given < needed || (given > needed && needed != 1) {
+        // A constant may come with more than it needs.
+        let exact = primvar.interpolation != Interpolation::Constant;
+        if given < needed || (given > needed && exact) {
             return Err(Fault::new(format!(
                 "primvar {name} has {given} elements for {needed} {of_what}"
             ))
@@ -201,6 +220,14 @@ mod tests {
     #[test]
     fn a_quad_is_a_mesh() {
         assert_eq!(quad().validate(), Ok(()));
+    }
+
+    #[test]
+    fn a_repeated_corner_is_found() {
+        let mut mesh = quad();
+        assert_eq!(mesh.repeated_corner(), None);
+        mesh.face_vertex_indices[3] = 1;
+        assert_eq!(mesh.repeated_corner(), Some((0, 1)));
     }
 
     type Spoil = fn(&mut ControlMesh);

@@ -1,9 +1,11 @@
 //! From a scene file to a picture: the stages in their order.
 
+mod estimate;
 mod framing;
 mod output;
 mod progress;
 
+pub use estimate::{Estimate, estimate};
 pub use output::{AOVS, Aov, Output, PixelType};
 pub use progress::{Progress, ProgressStyle};
 
@@ -21,7 +23,7 @@ use crate::scene::{self, AspectRatioConform, Description, LoadOptions};
 use crate::shade::camera::{Camera, CameraOptions};
 use crate::shade::filter::Filter;
 use crate::shade::sampler::Sampler;
-use crate::stats::{Bytes, Rays, SceneCounts, Stats};
+use crate::stats::{Bytes, Rays, SceneCounts, Stage, Stats};
 use crate::trace::{Device, DeviceOptions};
 use crate::world::{BuildOptions, World};
 
@@ -80,11 +82,20 @@ pub fn render(
         scene: options.scene.display().to_string(),
         ..Stats::default()
     };
-    options.output.check()?;
+    let mut output = options.output.clone();
+    output.check()?;
 
     // Load.
     progress.stage("load", 1);
     let description = stats.time("load", |_| scene::load(&options.scene, &options.load))?;
+    // Told before anything can fail: they often say why it does.
+    progress.warn(&description.warnings);
+    if output.from_scene
+        && let Some(name) = &description.settings.product_name
+    {
+        output.picture = PathBuf::from(name);
+        output.check()?;
+    }
     stats.scene_hash = hash(&description)?;
     let (camera_source, framed) = framing::camera(&description, options.camera.as_deref())?;
     if framed {
@@ -146,16 +157,9 @@ pub fn render(
         film: film_bytes,
     };
     stats.scene_counts = counts(&description);
+    progress.warn(&built.warnings);
     let mut warnings = description.warnings.clone();
     warnings.extend(built.warnings);
-    for warning in warnings.iter() {
-        let times = if warning.count > 1 {
-            format!(" ({} times)", warning.count)
-        } else {
-            String::new()
-        };
-        progress.above_bar(|| tracing::warn!("{}{times}", warning.message));
-    }
     stats.warnings = warnings.iter().cloned().collect();
 
     // Render: whole passes over the picture, so that what an interruption leaves is a whole picture.
@@ -193,7 +197,9 @@ pub fn render(
     stats.threads = pool.current_num_threads();
     stats.rays = counters.rays();
     stats.non_finite_samples = counters.non_finite.load(Ordering::Relaxed);
-    stats.mrays_per_second = stats.rays.total() as f64 / 1e6 / stats.seconds("render").max(1e-9);
+    let (rays, seconds) = (stats.rays.total() as f64, stats.seconds("render"));
+    stats.mrays_per_second = rays / 1e6 / seconds.max(1e-9);
+    stats.nanoseconds_per_ray = 1e9 * seconds * stats.threads as f64 / rays.max(1.0);
     progress.stage("write", 1);
     let record = output::Record {
         stats: &stats,
@@ -202,14 +208,11 @@ pub fn render(
         options,
     };
     let start = std::time::Instant::now();
-    let written = options.output.write(&film, &record);
-    stats.stages.push(crate::stats::Stage {
-        name: "write",
-        seconds: start.elapsed().as_secs_f64(),
-    });
+    let written = output.write(&film, &record);
+    stats.stages.push(Stage::ended("write", start));
     progress.finish();
     written?;
-    if let Some(path) = &options.output.stats {
+    if let Some(path) = &output.stats {
         stats.write(path)?;
     }
     interrupted(interrupt)?;
@@ -274,6 +277,7 @@ impl Job<'_> {
     fn tile(&self, tile: &mut Tile, samples: std::ops::Range<u32>, counters: &Counters) {
         let mut rays = Rays::default();
         let mut non_finite = 0;
+        let moves = self.world.moves || self.camera.moves();
         for (i, pixel) in tile.pixels.iter_mut().enumerate() {
             let at = [
                 tile.origin[0] + i as u32 % tile.size[0],
@@ -282,21 +286,15 @@ impl Job<'_> {
             for sample in samples.clone() {
                 let sampler = Sampler::new(at, sample, self.options.seed);
                 let [film_u, film_v, lens_u, lens_v] = sampler.set(0);
-                let [time, ..] = sampler.set(TIME_SET);
+                let time = if moves { sampler.set(TIME_SET)[0] } else { 0.0 };
                 let offset = self.options.filter.sample([film_u, film_v]);
                 let film = Vec2::new(at[0] as f32 + 0.5, at[1] as f32 + 0.5) + offset;
                 let ray = self.camera.ray(film, [lens_u, lens_v], time);
-                let depth = |p| self.camera.depth(p, time);
-                let mut found = path(
-                    self.world,
-                    &self.options.path,
-                    ray,
-                    &sampler,
-                    &depth,
-                    &mut rays,
-                );
+                let mut found = path(self.world, &self.options.path, ray, &sampler, &mut rays);
                 found.radiance *= self.exposure;
-                non_finite += u64::from(pixel.add(&found, offset.length()).is_err());
+                let depth = |p| self.camera.depth(p, time);
+                let added = pixel.add(&found, offset.length(), depth);
+                non_finite += u64::from(added.is_err());
             }
         }
         counters.add(rays, non_finite);

@@ -18,6 +18,8 @@ use crate::stats::Stats;
 pub struct Output {
     /// The picture: `.exr`, or `.png` for looking only.
     pub picture: PathBuf,
+    /// Whether the file name of the scene's render product goes before [`Output::picture`].
+    pub from_scene: bool,
     /// A PNG beside it.
     pub png: Option<PathBuf>,
     /// Statistics as JSON.
@@ -177,7 +179,7 @@ impl Output {
                     }
                     Aov::Albedo => put(&pixel.albedo().to_array()),
                     Aov::Normal => put(&pixel.normal().to_array()),
-                    Aov::Depth => put(&[first.map_or(f32::INFINITY, |f| f.depth)]),
+                    Aov::Depth => put(&[pixel.depth().unwrap_or(f32::INFINITY)]),
                     Aov::Position => put(&first.map_or([0.0; 3], |f| f.position.to_array())),
                     Aov::FaceId => put(&[f32::from_bits(first.map_or(u32::MAX, |f| f.face))]),
                     Aov::ObjectId => put(&[f32::from_bits(first.map_or(0, |f| f.object))]),

@@ -5,6 +5,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::error::{Warning, Warnings};
 use indicatif::{ProgressBar, ProgressStyle as BarStyle};
 
 /// The form of progress reports, all on the standard error stream.
@@ -15,7 +16,8 @@ pub enum ProgressStyle {
     Auto,
     /// A line for every ten percent, or every thirty seconds.
     Plain,
-    /// One JSON object a line: `{"stage":"render","done":0.42,"elapsed":12.1,"remaining":16.8}`.
+    /// One JSON object a line: `{"stage":"render","done":0.42,"elapsed":12.1,"remaining":16.8}`, and
+    /// `{"warning":"…","count":3}` in between.
     Json,
     /// Nothing.
     Quiet,
@@ -103,11 +105,22 @@ impl Progress {
         self.report(done);
     }
 
-    /// Says something without tearing the bar.
-    pub fn above_bar(&self, say: impl FnOnce()) {
-        match &self.bar {
-            Some(bar) => bar.suspend(say),
-            None => say(),
+    /// Tells warnings, without tearing the bar.
+    pub fn warn(&self, warnings: &Warnings) {
+        for warning in warnings.iter() {
+            let Warning { message, count, .. } = warning;
+            let say = || match count {
+                1 => tracing::warn!("{message}"),
+                _ => tracing::warn!("{message} ({count} times)"),
+            };
+            match (&self.bar, self.style) {
+                (Some(bar), _) => bar.suspend(say),
+                (None, ProgressStyle::Json) => {
+                    let line = serde_json::json!({ "warning": message, "count": count });
+                    let _ = writeln!(std::io::stderr(), "{line}");
+                }
+                (None, _) => say(),
+            }
         }
     }
 

@@ -8,7 +8,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use crate::error::Warnings;
+use crate::error::{Fault, Warnings};
 pub use crate::image::{ColorSpace, ImageSource, Wrap};
 use crate::math::{DAffine3, Vec2, Vec3, Vec4};
 use crate::mesh::ControlMesh;
@@ -23,10 +23,22 @@ pub struct LoadOptions {
     pub camera: Option<String>,
     /// Whether to read motion at all.
     pub motion_blur: bool,
-    /// Purposes that are shown beside `default`.
-    pub purposes: Vec<Purpose>,
+    /// Purposes that are shown beside `default`; `None` takes the render settings' ones, else `render`.
+    pub purposes: Option<Vec<Purpose>>,
     /// The render settings prim to use; `None` takes the stage's own, if it names one.
     pub settings: Option<String>,
+    /// What to do about layers and prims that are referred to and not there.
+    pub missing_layers: MissingLayers,
+}
+
+/// What to do where a scene's layers do not compose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum MissingLayers {
+    /// Stop.
+    #[default]
+    Error,
+    /// Go on without them, with a warning.
+    Skip,
 }
 
 impl Default for LoadOptions {
@@ -35,8 +47,9 @@ impl Default for LoadOptions {
             frame: None,
             camera: None,
             motion_blur: true,
-            purposes: vec![Purpose::Render],
+            purposes: None,
             settings: None,
+            missing_layers: MissingLayers::Error,
         }
     }
 }
@@ -50,6 +63,18 @@ pub enum Purpose {
     Proxy,
     /// Helpers that artists see.
     Guide,
+}
+
+impl Purpose {
+    /// USD's word for it; `None` for `default` and what is none.
+    pub fn from_word(word: &str) -> Option<Self> {
+        match word {
+            "render" => Some(Self::Render),
+            "proxy" => Some(Self::Proxy),
+            "guide" => Some(Self::Guide),
+            _ => None,
+        }
+    }
 }
 
 /// A whole scene.
@@ -94,6 +119,18 @@ pub struct Shape {
     pub materials: Binding,
     /// Whether both sides are meant to be seen.
     pub double_sided: bool,
+    /// Primvars that the file gives the mesh and that do not fit it. They are not in `mesh`, and a fault once a
+    /// material reads one of them.
+    pub unusable_primvars: Vec<UnusablePrimvar>,
+}
+
+/// A primvar that was left out.
+#[derive(Debug, Clone)]
+pub struct UnusablePrimvar {
+    /// Its name without `primvars:`.
+    pub name: String,
+    /// What is wrong with it.
+    pub fault: Fault,
 }
 
 /// Which material covers which face.
@@ -398,6 +435,8 @@ pub struct RenderSettings {
     pub disable_motion_blur: Option<bool>,
     /// Whether the file forbids depth of field.
     pub disable_depth_of_field: Option<bool>,
+    /// Purposes that the file wants to be shown beside `default`.
+    pub included_purposes: Option<Vec<Purpose>>,
     /// The product's file name.
     pub product_name: Option<String>,
     /// `sourceName`s of the product's ordered variables.

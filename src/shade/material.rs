@@ -223,10 +223,31 @@ impl Material {
 
     /// Whether opacity below 1 is possible.
     pub fn may_be_transparent(&self) -> bool {
-        match &self.inputs.opacity {
-            Source::Value(v) => self.inputs.cut_out(unit(v.x)) < 1.0,
-            Source::Texel(..) | Source::Primvar { .. } => true,
+        match (&self.constant, &self.inputs.opacity) {
+            (Some(resolved), _) => resolved.opacity < 1.0,
+            (None, Source::Value(v)) => self.inputs.cut_out(unit(v.x)) < 1.0,
+            (None, Source::Texel(..) | Source::Primvar { .. }) => true,
         }
+    }
+
+    /// The same material for a surface on which it resolves to the same everywhere, because it depends on
+    /// nothing but primvars that do not vary there; `primvars` has those. None if it varies, or is constant
+    /// already.
+    pub fn constant_on(
+        &self,
+        primvars: &dyn Primvars,
+        varies: impl Fn(&str) -> bool,
+    ) -> Option<Self> {
+        let fixed = |source: &Source| match source {
+            Source::Value(_) => true,
+            Source::Texel(..) => false,
+            Source::Primvar { name, .. } => !varies(name),
+        };
+        let constant = self.constant.is_none() && self.shading_sources().all(fixed);
+        constant.then(|| Self {
+            constant: Some(self.resolve(primvars)),
+            ..self.clone()
+        })
     }
 
     /// Whether emission is possible.

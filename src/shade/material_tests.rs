@@ -143,6 +143,13 @@ fn display_color_and_opacity() {
     let bare = material.resolve(&NoPrimvars);
     assert_eq!(bare.params, SurfaceParams::lambert(Vec3::splat(0.18)));
     assert_eq!(bare.opacity, 1.0);
+    assert!(material.may_be_transparent());
+    let on = |primvars: &At, varying: &str| material.constant_on(primvars, |name| name == varying);
+    let bare = on(&At(vec![]), "").expect("nothing varies");
+    assert!(!bare.may_be_transparent() && bare.constant.is_some());
+    let thin = At(vec![("displayOpacity", vec![0.5])]);
+    assert!(on(&thin, "").is_some_and(|m| m.may_be_transparent()));
+    assert!(on(&thin, "displayColor").is_none() && bare.constant_on(&thin, |_| false).is_none());
     let painted = material.resolve(&At(vec![
         ("displayColor", vec![0.1, 0.2, 0.3]),
         ("displayOpacity", vec![0.5]),

@@ -22,8 +22,13 @@ pub struct Ggx {
 impl Ggx {
     /// From a roughness in 0..1; `alpha` is its square, at least [`MIN_ALPHA`].
     pub fn from_roughness(roughness: f32) -> Self {
+        Self::from_alpha(roughness * roughness)
+    }
+
+    /// From `alpha`, the slope's scale, in [`MIN_ALPHA`]..1.
+    pub fn from_alpha(alpha: f32) -> Self {
         Self {
-            alpha: (roughness * roughness).clamp(MIN_ALPHA, 1.0),
+            alpha: alpha.clamp(MIN_ALPHA, 1.0),
         }
     }
 

@@ -52,6 +52,16 @@ pub(super) fn check_limits(mesh: &ControlMesh) -> Result<(), Fault> {
     let mut around = vec![[0_u32; 2]; mesh.point_count()];
     for (face, range) in mesh.faces().enumerate() {
         let corners = &mesh.face_vertex_indices[range];
+        if corners.len() != 4
+            && let Some(v) = repeated(corners)
+        {
+            return Err(Fault::new(format!(
+                "{} corners, with point {v} more than once among them, which Embree subdivides in quads only",
+                corners.len()
+            ))
+            .at_face(face)
+            .advise("remove the repeated corner, or use an intersection method other than Embree's own"));
+        }
         for &v in corners {
             let [faces, points] = &mut around[v as usize];
             *faces += 1;
@@ -67,6 +77,12 @@ pub(super) fn check_limits(mesh: &ControlMesh) -> Result<(), Fault> {
         }
     }
     Ok(())
+}
+
+/// A point that occurs twice. The rings of such a face may never close: Embree then ends the process.
+fn repeated(corners: &[u32]) -> Option<u32> {
+    let mut with_before = corners.iter().enumerate();
+    with_before.find_map(|(i, v)| corners[..i].contains(v).then_some(*v))
 }
 
 pub(super) fn build_topology(handle: &Handle, mesh: &ControlMesh) -> Result<()> {

@@ -57,16 +57,10 @@ pub struct Grid {
 pub struct SurfacePoint {
     /// The point.
     pub position: Vec3,
-    /// First derivative by u.
+    /// Derivative by u.
     pub du: Vec3,
-    /// First derivative by v.
+    /// Derivative by v.
     pub dv: Vec3,
-    /// Second derivative by u twice.
-    pub duu: Vec3,
-    /// Second derivative by u and v.
-    pub duv: Vec3,
-    /// Second derivative by v twice.
-    pub dvv: Vec3,
 }
 
 impl Geometry {
@@ -156,7 +150,6 @@ impl Geometry {
                     position: a + uv.x * du + uv.y * dv,
                     du,
                     dv,
-                    ..SurfacePoint::default()
                 }
             }
             Kind::Grids(grids, keys) => {
@@ -172,8 +165,6 @@ impl Geometry {
                     position: p00.lerp(p10, s).lerp(p01.lerp(p11, s), t),
                     du: cells.x * (p10 - p00).lerp(p11 - p01, t),
                     dv: cells.y * (p01 - p00).lerp(p11 - p10, s),
-                    duv: cells.x * cells.y * (p11 - p10 - p01 + p00),
-                    ..SurfacePoint::default()
                 }
             }
             Kind::Subdivision(surface) => {
@@ -181,6 +172,21 @@ impl Geometry {
                 surface.point(&self.handle, primitive, uv, time)
             }
             Kind::User(_) | Kind::Instance(_) => panic!("only meshes have surface points"),
+        }
+    }
+
+    /// As [`surface_point`](Self::surface_point), of the displaced surface where there is displacement, without
+    /// second derivatives there.
+    ///
+    /// # Panics
+    /// As for [`surface_point`](Self::surface_point).
+    pub fn displaced_point(&self, primitive: u32, uv: Vec2, time: f32) -> SurfacePoint {
+        match &self.kind {
+            Kind::Subdivision(surface) if surface.is_displaced() => {
+                assert!(self.is_ready(), "commit the scene before asking for points");
+                surface.displaced_point(&self.handle, primitive, uv, time)
+            }
+            _ => self.surface_point(primitive, uv, time),
         }
     }
 

@@ -85,6 +85,8 @@ pub(super) struct Subdivision {
     mesh: Arc<ControlMesh>,
     slots: Vec<Slot>,
     displacement: Option<Displacement>,
+    /// Half a micro-edge in the parameters of each face, if there is displacement.
+    steps: Vec<f32>,
     /// The same surface without displacement, for interpolation while the displaced one is built.
     twin: Option<Twin>,
     panics: Arc<PanicSlot>,
@@ -161,10 +163,15 @@ impl Geometry {
 
         let panics = Arc::<PanicSlot>::default();
         let (keys, flipped) = (mesh.points.len(), mesh.left_handed);
+        let steps = match &options.displacement {
+            Some(_) => half_micro_edges(&mesh, &options.rates),
+            None => Vec::new(),
+        };
         let surface = Box::new(Subdivision {
             mesh,
             slots,
             displacement: options.displacement,
+            steps,
             twin,
             panics: Arc::clone(&panics),
         });
@@ -185,48 +192,119 @@ impl Geometry {
 }
 
 impl Subdivision {
+    pub(super) fn is_displaced(&self) -> bool {
+        self.displacement.is_some()
+    }
+
     pub(super) fn point(&self, own: &Handle, face: u32, uv: Vec2, time: f32) -> SurfacePoint {
-        let handle = self.twin.as_ref().map_or(own, |t| &t.handle);
-        let uv = self.usable(face, uv);
         let (a, b, f) = keys_around(self.mesh.points.len(), time);
-        let at = |key: usize| {
-            let mut p = [[0.0_f32; 3]; 6];
-            let [position, du, dv, duu, dvv, duv] = &mut p;
-            let args = sys::RTCInterpolateArguments {
-                geometry: handle.raw(),
-                primID: face,
-                u: uv.x,
-                v: uv.y,
-                bufferType: sys::RTC_BUFFER_TYPE_VERTEX,
-                bufferSlot: key as u32,
-                P: position.as_mut_ptr(),
-                dPdu: du.as_mut_ptr(),
-                dPdv: dv.as_mut_ptr(),
-                ddPdudu: duu.as_mut_ptr(),
-                ddPdvdv: dvv.as_mut_ptr(),
-                ddPdudv: duv.as_mut_ptr(),
-                valueCount: 3,
-            };
-            // SAFETY: the geometry is in a committed scene (the caller or the twin sees to it), face and
-            // parameters are in range, and each array takes the three numbers.
-            unsafe { sys::rtcInterpolate(&raw const args) };
-            p.map(Vec3::from_array)
-        };
-        let mut p = at(a);
+        let mut p = self.point_at(own, face, uv, a);
         if f > 0.0 {
-            for (p, q) in p.iter_mut().zip(at(b)) {
+            let q = self.point_at(own, face, uv, b);
+            for (p, q) in p.iter_mut().zip(q) {
                 *p = p.lerp(q, f);
             }
         }
-        let [position, du, dv, duu, dvv, duv] = p;
+        let [position, du, dv] = p;
+        SurfacePoint { position, du, dv }
+    }
+
+    /// At a motion key: the point and its derivatives by u and v.
+    fn point_at(&self, own: &Handle, face: u32, uv: Vec2, key: usize) -> [Vec3; 3] {
+        let handle = self.twin.as_ref().map_or(own, |t| &t.handle);
+        let uv = self.usable(face, uv);
+        let mut p = [[0.0_f32; 3]; 3];
+        let [position, du, dv] = &mut p;
+        let args = sys::RTCInterpolateArguments {
+            geometry: handle.raw(),
+            primID: face,
+            u: uv.x,
+            v: uv.y,
+            bufferType: sys::RTC_BUFFER_TYPE_VERTEX,
+            bufferSlot: key as u32,
+            P: position.as_mut_ptr(),
+            dPdu: du.as_mut_ptr(),
+            dPdv: dv.as_mut_ptr(),
+            valueCount: 3,
+            ..Default::default()
+        };
+        // SAFETY: the geometry is in a committed scene (the caller or the twin sees to it), face and
+        // parameters are in range, and each array takes the three numbers.
+        unsafe { sys::rtcInterpolate(&raw const args) };
+        p.map(Vec3::from_array)
+    }
+
+    /// The displaced surface itself, not its facets: the point, and first derivatives by differences over a
+    /// micro-edge, so that they hold what the facets can show and no more.
+    pub(super) fn displaced_point(
+        &self,
+        own: &Handle,
+        face: u32,
+        uv: Vec2,
+        time: f32,
+    ) -> SurfacePoint {
+        let (a, b, f) = keys_around(self.mesh.points.len(), time);
+        let at = |uv: Vec2| {
+            let p = self.displaced_at(own, face, uv, a);
+            if f > 0.0 {
+                p.lerp(self.displaced_at(own, face, uv, b), f)
+            } else {
+                p
+            }
+        };
+        // Stay within the quad that the parameters are on.
+        let (corner, inner) = match self.mesh.face_vertex_counts[face as usize] {
+            4 => (None, clamp(uv)),
+            n => {
+                let (corner, inner) = sub_face_of(uv);
+                (Some(corner.min(n - 1)), inner)
+            }
+        };
+        let on_quad = |inner| at(corner.map_or(inner, |corner| face_uv(corner, inner)));
+        let step = self.steps[face as usize];
+        let position = on_quad(inner);
+        let along = |axis: Vec2| {
+            let ahead = inner + step * axis;
+            let behind = inner - step * axis;
+            // At a border the three-point difference to one side, as exact as the central one: the two faces at
+            // an edge agree.
+            if behind.dot(axis) < 0.0 {
+                let further = on_quad(ahead + step * axis);
+                (4.0 * on_quad(ahead) - 3.0 * position - further) / (2.0 * step)
+            } else if ahead.dot(axis) > 1.0 {
+                let further = on_quad(behind - step * axis);
+                (3.0 * position - 4.0 * on_quad(behind) + further) / (2.0 * step)
+            } else {
+                (on_quad(ahead) - on_quad(behind)) / (2.0 * step)
+            }
+        };
         SurfacePoint {
             position,
-            du,
-            dv,
-            duu,
-            duv,
-            dvv,
+            du: along(Vec2::X),
+            dv: along(Vec2::Y),
         }
+    }
+
+    fn displaced_at(&self, own: &Handle, face: u32, uv: Vec2, key: usize) -> Vec3 {
+        let [position, du, dv] = self.point_at(own, face, uv, key);
+        self.displaced(face, uv, key as u32, position, du.cross(dv))
+    }
+
+    /// Where displacement takes a point of the limit surface; `normal` is Embree's, of any length.
+    fn displaced(&self, face: u32, uv: Vec2, key: u32, position: Vec3, normal: Vec3) -> Vec3 {
+        let Some(displacement) = &self.displacement else {
+            return position;
+        };
+        let sign = if self.mesh.left_handed { -1.0 } else { 1.0 };
+        position
+            + displacement(&DisplacementPoint {
+                face,
+                uv,
+                key,
+                position,
+                normal: sign * normal.normalize_or_zero(),
+                surface: self,
+            })
     }
 
     pub(super) fn primvar(&self, own: &Handle, slot: usize, face: u32, uv: Vec2, out: &mut [f32]) {
@@ -274,6 +352,18 @@ impl Subdivision {
     }
 }
 
+fn half_micro_edges(mesh: &ControlMesh, rates: &Rates) -> Vec<f32> {
+    mesh.faces()
+        .map(|corners| {
+            let rate = match rates {
+                Rates::Uniform(rate) => *rate,
+                Rates::PerCorner(rates) => rates[corners].iter().copied().fold(1.0, f32::max),
+            };
+            0.5 / rate.max(1.0)
+        })
+        .collect()
+}
+
 /// On a face of other than 4 corners: which corner's quad the parameters are on, and those on it, 0..1: u towards
 /// the middle of the edge to the next corner, v towards that of the edge to the corner before.
 pub fn sub_face_of(uv: Vec2) -> (u32, Vec2) {
@@ -295,10 +385,6 @@ fn clamp(uv: Vec2) -> Vec2 {
 unsafe extern "C" fn displace(args: *const sys::RTCDisplacementFunctionNArguments) {
     // SAFETY: Embree's arguments are valid during the call, and its user pointer is the one set above.
     let (args, surface) = unsafe { (&*args, &*(*args).geometryUserPtr.cast::<Subdivision>()) };
-    let Some(displacement) = &surface.displacement else {
-        return;
-    };
-    let sign = if surface.mesh.left_handed { -1.0 } else { 1.0 };
     surface.panics.guard((), || {
         for i in 0..args.N as usize {
             // SAFETY: each of these arrays has N numbers.
@@ -309,15 +395,7 @@ unsafe extern "C" fn displace(args: *const sys::RTCDisplacementFunctionNArgument
                     Vec3::new(*args.P_x.add(i), *args.P_y.add(i), *args.P_z.add(i)),
                 )
             };
-            let moved = position
-                + displacement(&DisplacementPoint {
-                    face: args.primID,
-                    uv,
-                    key: args.timeStep,
-                    position,
-                    normal: sign * normal.normalize_or_zero(),
-                    surface,
-                });
+            let moved = surface.displaced(args.primID, uv, args.timeStep, position, normal);
             // SAFETY: as above; Embree lets us write the points.
             unsafe {
                 *args.P_x.add(i) = moved.x;

@@ -82,15 +82,14 @@ unsafe extern "C" fn intersect<I: Intersector>(args: *const sys::RTCIntersectFun
         return;
     }
     *valid = 0;
-    let ray = ray_of(&both.ray);
-    let Some(hit) = user
-        .panics
-        .guard(None, || user.intersector.intersect(args.primID, &ray))
-    else {
+    // The ray is made on the inner side of the guard, where the compiler can keep it in registers.
+    let Some(hit) = user.panics.guard(None, || {
+        user.intersector.intersect(args.primID, &ray_of(&both.ray))
+    }) else {
         return;
     };
     // Embree's boxes are only as good as its tfar: a hit beyond it must not replace a nearer one.
-    if !(hit.t > ray.t_min && hit.t < ray.t_max) {
+    if !(hit.t > both.ray.tnear && hit.t < both.ray.tfar) {
         return;
     }
     *valid = -1;
@@ -124,11 +123,9 @@ unsafe extern "C" fn occluded<I: Intersector>(args: *const sys::RTCOccludedFunct
         return;
     }
     *valid = 0;
-    let ray = ray_of(raw);
-    if user
-        .panics
-        .guard(false, || user.intersector.occluded(args.primID, &ray))
-    {
+    if user.panics.guard(false, || {
+        user.intersector.occluded(args.primID, &ray_of(raw))
+    }) {
         *valid = -1;
         raw.tfar = f32::NEG_INFINITY;
     }

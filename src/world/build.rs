@@ -8,8 +8,9 @@ use rayon::prelude::*;
 use super::dicing::Dicing;
 use super::geometry::geometry;
 use super::shape::Shape;
+use super::worn::Worn;
 use super::{Entry, Placed, World};
-use crate::error::{Error, Result, Warnings};
+use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
 use crate::mesh::ControlMesh;
@@ -59,7 +60,7 @@ impl World {
         let mut warnings = Warnings::default();
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
-        let (materials, unbound) = materials(description, &textures, options);
+        let (mut materials, unbound) = materials(description, &textures, options);
 
         // Where each shape stands, and whether it can be built in world space right away.
         let mut places: Vec<Vec<u32>> = vec![Vec::new(); description.shapes.len()];
@@ -77,6 +78,7 @@ impl World {
         let mut placed: Vec<Option<Placed>> =
             (0..description.placements.len()).map(|_| None).collect();
         let mut bounds = Bounds3::EMPTY;
+        let mut transparent = false;
         for (number, (shape, places)) in description.shapes.iter().zip(&places).enumerate() {
             go_on_or_stop(go_on, 0.5 * number as f64 / description.shapes.len() as f64)?;
             let keys = |place: u32| -> Vec<Affine3A> {
@@ -91,7 +93,8 @@ impl World {
                     bounds = bounds.union(shape.mesh.bounds().transformed(&key));
                 }
             }
-            let needs = needed_primvars(shape, places, description, &materials, unbound);
+            let needs = needed_primvars(shape, places, description, &materials, unbound)
+                .map_err(|fault| name_shape(fault.into(), description, shape))?;
             let displaced = displacement_of(shape, places, description, &materials);
             let in_world = (places.len() == 1 && displaced.is_none())
                 .then(|| keys(places[0]))
@@ -118,14 +121,14 @@ impl World {
                 &mut warnings,
             )
             .map_err(|e| name_shape(e, description, shape))?;
-            shapes.push(Shape::new(
-                surface,
-                &shape.materials,
-                shape.mesh.face_count(),
-                unbound as u32,
-            ));
+            let mut worn = Worn::new(shape, places, description);
+            let mut number_of = |m: usize| worn.number(m, &mut materials);
+            let faces = shape.mesh.face_count();
+            shapes.push(Shape::new(surface, &shape.materials, faces, |m| {
+                number_of(m.unwrap_or(unbound))
+            }));
 
-            let place_of = |place: u32, keys: Vec<Affine3A>| {
+            let mut place_of = |place: u32, keys: Vec<Affine3A>| {
                 let placement = &description.placements[place as usize];
                 Placed {
                     shape: number as u32,
@@ -133,8 +136,8 @@ impl World {
                     world_from_object: keys,
                     material: placement
                         .material
-                        .map(|m| m as u32)
-                        .filter(|_| options.clay.is_none()),
+                        .filter(|_| options.clay.is_none())
+                        .map(&mut number_of),
                     display_color: placement.display_color.map(Into::into),
                 }
             };
@@ -155,6 +158,7 @@ impl World {
                     placed[place as usize] = Some(place_of(place, keys(place)));
                 }
             }
+            transparent |= worn.transparent;
         }
 
         let lights = lights(
@@ -175,7 +179,6 @@ impl World {
         for (id, entry) in entries {
             by_number[id as usize] = entry;
         }
-        let transparent = materials.iter().any(Material::may_be_transparent);
         let world = Self {
             scene,
             entries: by_number,
@@ -189,6 +192,8 @@ impl World {
                 .any(|i| lights.multipliers(i) != [1.0, 1.0]),
             lights,
             transparent,
+            moves: description.shapes.iter().any(|s| s.mesh.points.len() > 1)
+                || (description.placements.iter()).any(|p| p.world_from_object.len() > 1),
         };
         Ok(Built {
             world,
@@ -253,12 +258,12 @@ fn load_textures(
                     Ok(Arc::new(Texture::constant(colour)))
                 }
                 (Err(fault), None) => {
-                    let fault = fault.at_prim(&source.prim);
-                    let fault = if fault.help.is_some() {
-                        fault
-                    } else {
-                        fault.advise("repair the path, or render with --missing-textures magenta")
-                    };
+                    let mut fault = fault.at_prim(&source.prim);
+                    let go_on = "render with --missing-textures magenta";
+                    fault.help = Some(match fault.help {
+                        Some(help) => format!("{help}, or {go_on}"),
+                        None => format!("repair the path, or {go_on}"),
+                    });
                     Err(fault.into())
                 }
             },
@@ -316,21 +321,36 @@ fn covering<'a>(
         )
 }
 
+/// The primvars that the materials on a shape read and it has.
+///
+/// # Errors
+/// One that it should have had: the file gives it, but not for this mesh.
 fn needed_primvars(
     shape: &scene::Shape,
     places: &[u32],
     description: &Description,
     materials: &[Material],
     unbound: usize,
-) -> Vec<String> {
-    let mut needs: Vec<String> = covering(shape, places, description)
-        .flat_map(|m| materials[m.unwrap_or(unbound)].needs())
-        .filter(|name| shape.mesh.primvar(name).is_some())
-        .map(str::to_owned)
-        .collect();
+) -> Result<Vec<String>, Fault> {
+    let mut needs = Vec::new();
+    for covering in covering(shape, places, description) {
+        for name in materials[covering.unwrap_or(unbound)].needs() {
+            let unusable = shape.unusable_primvars.iter().find(|p| p.name == name);
+            if let Some(unusable) = unusable {
+                let reader =
+                    covering.map_or("the surface's colour", |m| &description.materials[m].path);
+                let mut fault = unusable.fault.clone();
+                fault.message += &format!(", and {reader} reads it");
+                return Err(fault);
+            }
+            if shape.mesh.primvar(name).is_some() {
+                needs.push(name.to_owned());
+            }
+        }
+    }
     needs.sort();
     needs.dedup();
-    needs
+    Ok(needs)
 }
 
 /// The displacing material that covers all of a shape.
@@ -431,7 +451,7 @@ fn studio(camera: &Camera) -> [scene::Light; 2] {
 }
 
 /// Transforms are composed in double precision and used in single.
-fn single(m: &DAffine3) -> Affine3A {
+pub(super) fn single(m: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(m.matrix3.as_mat3(), m.translation.as_vec3())
 }
 

@@ -7,6 +7,28 @@ use crate::surface::Places;
 
 pub use crate::surface::Dicing;
 
+/// Micro-triangles that a subdivision surface of `mesh` is diced into: what its memory grows with.
+pub(super) fn micro_triangles(
+    mesh: &ControlMesh,
+    places: &[Affine3A],
+    camera: &Camera,
+    dicing: &Dicing,
+) -> u64 {
+    let rates = rates(mesh, places, camera, dicing);
+    let faces = mesh.faces().map(|range| match &rates[range] {
+        &[a, b, c, d] => 2 * a.max(c) as u64 * b.max(d) as u64,
+        // Any other face is cut into quads, each between the halves of two of its edges.
+        edges => {
+            let before = edges.iter().cycle().skip(edges.len() - 1);
+            let halves = edges.iter().zip(before);
+            halves
+                .map(|(a, b)| 2 * (0.5 * a).ceil() as u64 * (0.5 * b).ceil() as u64)
+                .sum()
+        }
+    });
+    faces.sum()
+}
+
 /// Segments for each half-edge of `mesh` (for the edge from a corner to the face's next one), enough for each of
 /// the places in which the mesh stands.
 pub(super) fn rates(
@@ -76,6 +98,9 @@ mod tests {
         let camera = Camera::new(&camera, options).expect("a camera");
         let rates = rates(&mesh, &[Affine3A::IDENTITY], &camera, &Dicing::default());
         assert_eq!(rates[1].to_bits(), rates[4].to_bits());
+        let count = micro_triangles(&mesh, &[Affine3A::IDENTITY], &camera, &Dicing::default());
+        let quad = |r: &[f32]| 2.0 * r[0].max(r[2]) * r[1].max(r[3]);
+        assert_eq!(count as f32, quad(&rates[..4]) + quad(&rates[4..]));
         // 400 pixels across 2 units at distance 5.
         assert!((rates[0] - 200.0_f32.min(128.0)).abs() <= 1.0, "{rates:?}");
     }

@@ -11,7 +11,7 @@ use crate::mesh::{ControlMesh, CreaseMethod, Scheme, TriangleRule, triangulate};
 use crate::shade::camera::Camera;
 use crate::shade::material::Material;
 use crate::shade::texture_map::Primvars;
-use crate::subdiv::schemes::loop_scheme;
+use crate::subdiv;
 use crate::trace::{Device, Displacement, DisplacementPoint, Geometry, Rates, SubdivisionOptions};
 
 #[expect(
@@ -58,28 +58,17 @@ pub(super) fn geometry(
             };
             let geometry = Geometry::subdivision(device, mesh.clone(), subdivision)?;
             let primvars = needs.iter().map(|n| (n.clone(), width(n))).collect();
-            Ok((
-                geometry,
-                Surface::Subdivision {
-                    primvars,
-                    displaced: displaced.is_some(),
-                },
-            ))
+            Ok((geometry, Surface::Subdivision { primvars }))
         }
         Scheme::Loop => {
             warnings.add("Loop by refinement", || {
                 format!("{path}: Embree knows no Loop subdivision; the mesh is refined to triangles on the limit surface")
             });
             warn_flat(warnings);
-            let refined = loop_scheme::refine_levels(
-                mesh,
-                loop_levels(mesh, places, camera, &options.dicing),
-            );
-            polygons(
-                device,
-                &Arc::new(loop_scheme::limit(&refined.mesh)),
-                Some(&refined.parent_face),
-            )
+            let levels = loop_levels(mesh, places, camera, &options.dicing);
+            let mut refined = subdiv::refine(mesh, levels);
+            refined.move_to_limit(mesh);
+            polygons(device, &Arc::new(refined.mesh), Some(&refined.parent_face))
         }
         Scheme::None => {
             warn_flat(warnings);
@@ -107,7 +96,12 @@ fn polygons(
 }
 
 /// Levels after which the longest edge is no longer than the dicing rate; each makes four triangles of one.
-fn loop_levels(mesh: &ControlMesh, places: &[Affine3A], camera: &Camera, dicing: &Dicing) -> u32 {
+pub(super) fn loop_levels(
+    mesh: &ControlMesh,
+    places: &[Affine3A],
+    camera: &Camera,
+    dicing: &Dicing,
+) -> u32 {
     const MOST_TRIANGLES: f64 = 4e6;
     let longest = dicing::rates(mesh, places, camera, dicing)
         .into_iter()

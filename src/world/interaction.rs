@@ -11,11 +11,12 @@ use super::shape::{Shape, Surface};
 /// Where a path met a surface. Normals are unit vectors on the side that the ray came from.
 #[derive(Debug, Clone)]
 pub struct Interaction {
-    /// World space; on the limit surface where that lies in front of the traced geometry.
+    /// World space; on the smooth surface where that lies in front of the traced facets.
     pub position: Vec3,
-    /// Of the surface that light sees: the limit surface's normal, or the polygon's.
+    /// Of the surface that light sees: of the limit surface with its displacement, of the surface that a polygon
+    /// mesh's normals imply, or of the polygon.
     pub geometric_normal: Vec3,
-    /// With interpolated normals and normal maps.
+    /// With normal maps.
     pub shading_normal: Vec3,
     /// Face of the control mesh.
     pub face: u32,
@@ -68,17 +69,17 @@ impl World {
     pub(super) fn interaction(&self, number: u32, ray: &Ray, hit: &SceneHit) -> Interaction {
         let placed = &self.placed[number as usize];
         let shape = &self.shapes[placed.shape as usize];
-        let moving = placed.world_from_object.len() > 1;
-        let world_from_object = at_time(&placed.world_from_object, ray.time);
-        let object_from_world = if moving {
-            world_from_object.inverse()
-        } else {
-            placed.object_from_world
+        let moved;
+        let (world_from_object, object_from_world) = match &placed.world_from_object[..] {
+            [still] => (still, &placed.object_from_world),
+            keys => {
+                let now = at_time(keys, ray.time);
+                moved = (now, now.inverse());
+                (&moved.0, &moved.1)
+            }
         };
-        let normal_to_world =
-            |n: Vec3| normal_transformed(&object_from_world, n).normalize_or_zero();
 
-        // Geometry: where, and which way it faces.
+        // Geometry: where, and which way it faces. The facet's normal only tells sides until it is needed.
         let geometry = match hit.instance {
             Some(instance) => self.scene.instanced(instance).map_or_else(
                 || self.scene.geometry(hit.geometry),
@@ -86,52 +87,44 @@ impl World {
             ),
             None => self.scene.geometry(hit.geometry),
         };
-        let facet = normal_to_world(hit.normal);
+        let facet = normal_transformed(object_from_world, hit.normal);
         let towards = if facet.dot(ray.direction) <= 0.0 {
             1.0
         } else {
             -1.0
         };
         let on_facet = ray.at(hit.t);
-        let point = shape.point(geometry, hit.primitive, hit.uv, ray.time);
+        let point = shape.point(geometry, hit, towards, ray.time);
         let error = RELATIVE_ERROR
             * on_facet
                 .abs()
                 .max_element()
                 .max(ray.origin.abs().max_element())
                 .max(1e-6);
+        // A normal of unit length on the facet's side; none where it is degenerate, as at some poles.
+        let unit_normal = |n: Vec3| {
+            let n = normal_transformed(object_from_world, n).try_normalize()?;
+            Some(if n.dot(facet) < 0.0 { -n } else { n })
+        };
         let mut position = on_facet;
-        let mut geometric_normal = facet;
-        if let Some(limit) = point.limit {
-            let normal = normal_to_world(limit.normal);
-            // A degenerate tangent plane, as at some poles, leaves the facet's normal.
-            if normal != Vec3::ZERO {
-                geometric_normal = if normal.dot(facet) < 0.0 {
-                    -normal
-                } else {
-                    normal
-                };
-            }
+        let mut geometric_normal = (point.smooth.as_ref())
+            .and_then(|smooth| unit_normal(smooth.normal))
+            .unwrap_or_else(|| facet.normalize_or_zero());
+        if let Some(smooth) = point.smooth {
             // Facets cut the corners of a convex surface: rays that leave from the facet would be shadowed by
-            // their neighbours. The limit point lies in front of them there.
-            let gap = world_from_object.transform_point3(limit.position) - on_facet;
+            // their neighbours. The smooth surface lies in front of them there.
+            let gap = world_from_object.transform_point3(smooth.position) - on_facet;
             let ahead = towards * gap.dot(geometric_normal);
-            if ahead > 0.0 && ahead < gap.length() * 1.5 + error {
+            if ahead > 0.0 && ahead.is_finite() {
                 position = on_facet + towards * ahead * geometric_normal;
             }
         }
-        let mut shading_normal = point.shading_normal.map_or(geometric_normal, |n| {
-            let n = normal_to_world(n);
-            if n == Vec3::ZERO {
-                geometric_normal
-            } else if n.dot(facet) < 0.0 {
-                -n
-            } else {
-                n
-            }
-        });
         geometric_normal *= towards;
-        shading_normal *= towards;
+        if geometric_normal.dot(ray.direction) > 0.0 {
+            // Near an outline the facet is seen, and the smooth surface from behind.
+            geometric_normal = bent_towards(geometric_normal, -ray.direction);
+        }
+        let mut shading_normal = geometric_normal;
 
         // Appearance.
         let material = placed
@@ -146,14 +139,15 @@ impl World {
         };
         let resolved = self.materials[material as usize].resolve(&primvars);
         if let Some(map) = resolved.normal {
-            shading_normal = shape
-                .tangents(geometry, hit.primitive, hit.uv, ray.time)
+            shading_normal = self.materials[material as usize]
+                .normal_primvar()
+                .and_then(|name| shape.tangents(geometry, name, hit, ray.time))
                 .map_or(shading_normal, |tangents| {
                     bumped(
                         shading_normal,
                         geometric_normal,
                         map,
-                        &world_from_object,
+                        world_from_object,
                         tangents,
                         towards,
                     )

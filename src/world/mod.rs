@@ -2,12 +2,15 @@
 
 mod build;
 mod dicing;
+mod estimate;
 mod geometry;
 mod interaction;
 mod shape;
+mod worn;
 
 pub use build::{BuildOptions, Built};
 pub use dicing::Dicing;
+pub use estimate::micro_triangles;
 pub use interaction::Interaction;
 
 use crate::accel::Hit;
@@ -29,6 +32,8 @@ pub struct World {
     pub lights: Lights,
     /// Whether any material lets light through.
     transparent: bool,
+    /// Whether anything but the camera moves while the shutter is open.
+    pub moves: bool,
     /// Whether any light treats diffuse and specular reflection differently.
     pub lights_are_split: bool,
 }

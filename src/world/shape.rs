@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::math::{Vec2, Vec3};
 use crate::mesh::{ControlMesh, Interpolation, Primvar};
 use crate::scene::Binding;
-use crate::trace::Geometry;
+use crate::trace::{Geometry, SceneHit, SurfacePoint};
 
 pub(super) struct Shape {
     pub(super) surface: Surface,
@@ -18,8 +18,6 @@ pub(super) enum Surface {
     Subdivision {
         /// Primvars that Embree interpolates, name and width, by slot.
         primvars: Vec<(String, usize)>,
-        /// Whether Embree's surface lies elsewhere than the limit surface.
-        displaced: bool,
     },
     Polygons(Polygons),
 }
@@ -39,27 +37,32 @@ pub(super) struct Polygons {
 pub(super) struct Point {
     /// Face of the control mesh.
     pub(super) face: u32,
-    /// On the limit surface, if there is one.
-    pub(super) limit: Option<LimitPoint>,
-    /// Interpolated normal of a polygon mesh, if it has normals.
-    pub(super) shading_normal: Option<Vec3>,
+    /// On the smooth surface that the traced facets stand for, if there is one.
+    pub(super) smooth: Option<SmoothPoint>,
 }
 
-pub(super) struct LimitPoint {
+/// A point of a limit surface, with its displacement, or of the surface that a polygon mesh's normals imply.
+pub(super) struct SmoothPoint {
     pub(super) position: Vec3,
     pub(super) normal: Vec3,
 }
 
 impl Shape {
-    pub(super) fn new(surface: Surface, binding: &Binding, faces: usize, unbound: u32) -> Self {
-        let number = |m: Option<usize>| m.map_or(unbound, |m| m as u32);
+    /// `number` gives a material of the binding its number in the world.
+    pub(super) fn new(
+        surface: Surface,
+        binding: &Binding,
+        faces: usize,
+        mut number: impl FnMut(Option<usize>) -> u32,
+    ) -> Self {
         let mut materials = vec![number(binding.whole)];
         if !binding.subsets.is_empty() {
             materials.resize(faces, materials[0]);
             for subset in &binding.subsets {
+                let number = number(subset.material);
                 for &face in &subset.faces {
                     if let Some(material) = materials.get_mut(face as usize) {
-                        *material = number(subset.material);
+                        *material = number;
                     }
                 }
             }
@@ -75,47 +78,39 @@ impl Shape {
         }
     }
 
-    pub(super) fn point(&self, geometry: &Geometry, primitive: u32, uv: Vec2, time: f32) -> Point {
+    /// `side` is 1 for a ray that comes from where the hit's `facet` normal points, else -1.
+    pub(super) fn point(&self, geometry: &Geometry, hit: &SceneHit, side: f32, time: f32) -> Point {
+        let (primitive, uv) = (hit.primitive, hit.uv);
         match &self.surface {
-            Surface::Subdivision {
-                displaced: true, ..
-            } => {
-                // The displaced surface is known by its facets only.
-                Point {
-                    face: primitive,
-                    limit: None,
-                    shading_normal: None,
-                }
-            }
             Surface::Subdivision { .. } => {
-                let point = geometry.surface_point(primitive, uv, time);
-                let normal = point.du.cross(point.dv);
-                let limit = Some(LimitPoint {
-                    position: point.position,
-                    normal,
-                });
+                let point = geometry.displaced_point(primitive, uv, time);
                 Point {
                     face: primitive,
-                    limit,
-                    shading_normal: None,
+                    smooth: Some(SmoothPoint {
+                        position: point.position,
+                        normal: point.du.cross(point.dv),
+                    }),
                 }
             }
-            Surface::Polygons(polygons) => Point {
-                face: polygons.face(primitive),
-                limit: None,
-                shading_normal: polygons.normal(primitive, uv),
-            },
+            Surface::Polygons(polygons) => {
+                let triangle = geometry.surface_point(primitive, uv, time);
+                Point {
+                    face: polygons.face(primitive),
+                    smooth: polygons.smooth(primitive, uv, &triangle, side * hit.normal),
+                }
+            }
         }
     }
 
-    /// Directions in which the texture coordinates `st` grow, object space.
+    /// Directions in which the texture coordinates that the primvar `name` holds grow, object space.
     pub(super) fn tangents(
         &self,
         geometry: &Geometry,
-        primitive: u32,
-        uv: Vec2,
+        name: &str,
+        hit: &SceneHit,
         time: f32,
     ) -> Option<[Vec3; 2]> {
+        let (primitive, uv) = (hit.primitive, hit.uv);
         // Differences over a small step in the face's own parameters give st's derivatives.
         const STEP: f32 = 1e-3;
         let step = Vec2::new(
@@ -127,11 +122,11 @@ impl Shape {
             let found = match &self.surface {
                 Surface::Subdivision { primvars, .. } => primvars
                     .iter()
-                    .position(|(n, w)| n == "st" && *w == 2)
+                    .position(|(n, width)| n == name && *width >= 2)
                     .map(|slot| {
                         geometry.primvar(slot, primitive, uv, &mut out);
                     }),
-                Surface::Polygons(p) => p.primvar("st", primitive, uv, &mut out).then_some(()),
+                Surface::Polygons(p) => p.primvar(name, primitive, uv, &mut out).then_some(()),
             };
             found.map(|()| Vec2::from(out))
         };
@@ -142,7 +137,7 @@ impl Shape {
         if determinant.abs() < 1e-20 {
             return None;
         }
-        let point = geometry.surface_point(primitive, uv, time);
+        let point = geometry.displaced_point(primitive, uv, time);
         let along_s = (point.du * along_v.y - point.dv * along_u.y) / determinant;
         let along_t = (point.dv * along_u.x - point.du * along_v.x) / determinant;
         Some([along_s, along_t])
@@ -202,10 +197,39 @@ impl Polygons {
         }
     }
 
-    fn normal(&self, triangle: u32, uv: Vec2) -> Option<Vec3> {
+    /// The point of the smooth surface that the mesh's normals imply, over a point of a triangle; none without
+    /// normals. `facet` is the triangle's normal on the side that the ray comes from.
+    ///
+    /// Hanika, "Hacking the Shadow Terminator" (Ray Tracing Gems II, 2021, ch. 4): each corner pulls the point up
+    /// to its own tangent plane if it lies below, by the corner's barycentric weight. Rays that leave from there
+    /// are not shadowed by neighbouring facets of a convex part of the mesh, and the shadow begins where the
+    /// interpolated normal says, not along the facets' edges. Unlike the chapter we turn the normals to the ray's
+    /// side, so that the mesh may be seen from either, and only use the lift along the interpolated normal.
+    fn smooth(
+        &self,
+        triangle: u32,
+        uv: Vec2,
+        at: &SurfacePoint,
+        facet: Vec3,
+    ) -> Option<SmoothPoint> {
         let normals = self.mesh.normals.as_ref()?;
-        let mut out = [0.0; 3];
-        self.blend(normals, triangle, uv, &mut out);
-        Some(Vec3::from(out))
+        let mut normal = [0.0; 3];
+        self.blend(normals, triangle, uv, &mut normal);
+        let normal = Vec3::from(normal);
+        let towards = if normal.dot(facet) < 0.0 { -1.0 } else { 1.0 };
+        let first = at.position - uv.x * at.du - uv.y * at.dv;
+        let corners = [
+            (1.0 - uv.x - uv.y, Vec2::ZERO, first),
+            (uv.x, Vec2::X, first + at.du),
+            (uv.y, Vec2::Y, first + at.dv),
+        ];
+        let mut position = at.position;
+        for (weight, uv, corner) in corners {
+            let mut n = [0.0; 3];
+            self.blend(normals, triangle, uv, &mut n);
+            let n = towards * Vec3::from(n).normalize_or_zero();
+            position -= weight * (at.position - corner).dot(n).min(0.0) * n;
+        }
+        Some(SmoothPoint { position, normal })
     }
 }

@@ -1,5 +1,7 @@
 //! Renders small scenes for the tests and reads the pictures back.
 
+pub mod program;
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -84,6 +86,65 @@ pub fn write_scene(folder: &Path, name: &str, body: &str) -> PathBuf {
     let text = format!("#usda 1.0\n(\n    upAxis = \"Y\"\n    metersPerUnit = 1\n)\n{body}");
     std::fs::write(&path, text).expect("the test's folder takes files");
     path
+}
+
+/// A cube of half-width `h` whose faces look outward, or inward; with or without its top.
+pub fn cube(name: &str, h: f32, inward: bool, open: bool, attributes: &str) -> String {
+    let orientation = if inward { "leftHanded" } else { "rightHanded" };
+    let (count, top) = if open {
+        ("", "")
+    } else {
+        (", 4", ", 4, 7, 6, 5")
+    };
+    format!(
+        r#"
+def Mesh "{name}" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
+    uniform token orientation = "{orientation}"
+    int[] faceVertexCounts = [4, 4, 4, 4, 4{count}]
+    int[] faceVertexIndices = [0, 1, 2, 3, 0, 4, 5, 1, 1, 5, 6, 2, 2, 6, 7, 3, 3, 7, 4, 0{top}]
+    point3f[] points = [(-{h}, -{h}, -{h}), ({h}, -{h}, -{h}), ({h}, -{h}, {h}), (-{h}, -{h}, {h}),
+                        (-{h}, {h}, -{h}), ({h}, {h}, -{h}), ({h}, {h}, {h}), (-{h}, {h}, {h})]
+    {attributes}
+}}
+"#
+    )
+}
+
+/// A ball of flat quads, `rows` from pole to pole and twice as many around, whose faces look outward or inward;
+/// with or without the ball's own normals in its vertices.
+pub fn ball(radius: f64, rows: usize, inward: bool, normals: bool, attributes: &str) -> String {
+    use std::f64::consts::PI;
+    let columns = 2 * rows;
+    let orientation = if inward { "leftHanded" } else { "rightHanded" };
+    let (mut counts, mut indices, mut directions) = (Vec::new(), Vec::new(), Vec::new());
+    for row in 0..=rows {
+        let (sin, cos) = (PI * row as f64 / rows as f64).sin_cos();
+        for column in 0..columns {
+            let (s, c) = (2.0 * PI * column as f64 / columns as f64).sin_cos();
+            directions.push([sin * c, cos, sin * s]);
+            if row < rows {
+                let (next, here) = ((column + 1) % columns, row * columns);
+                counts.push(4);
+                indices.extend([column, next, columns + next, columns + column].map(|i| here + i));
+            }
+        }
+    }
+    let list = |scale: f64| -> Vec<(f64, f64, f64)> {
+        let scaled = directions.iter().map(|d| d.map(|x| scale * x));
+        scaled.map(|[x, y, z]| (x, y, z)).collect()
+    };
+    let (points, directions) = (list(radius), list(if inward { -1.0 } else { 1.0 }));
+    let normals = if normals {
+        format!("normal3f[] normals = {directions:?} (interpolation = \"vertex\")\n")
+    } else {
+        String::new()
+    };
+    format!(
+        "def Mesh \"Ball\" {{\nuniform token orientation = \"{orientation}\"\n\
+         uniform token subdivisionScheme = \"none\"\n\
+         int[] faceVertexCounts = {counts:?}\nint[] faceVertexIndices = {indices:?}\n\
+         point3f[] points = {points:?}\n{normals}{attributes}\n}}\n"
+    )
 }
 
 /// The folder of shared scenes and values; says so where it is missing.

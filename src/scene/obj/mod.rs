@@ -6,9 +6,12 @@
 //! are not read: what comes out is a subdivision surface.
 
 mod materials;
+mod polylines;
 mod tags;
 #[cfg(test)]
 mod tests;
+
+pub use polylines::{load_polylines, parse_polylines};
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
@@ -36,14 +39,7 @@ const NO_UV: u32 = u32::MAX;
 /// # Errors
 /// Bad input, with the line, for a file that cannot be read or is not a mesh.
 pub fn load(path: &Path, _options: &LoadOptions) -> Result<Description> {
-    let open = || -> std::io::Result<File> {
-        let file = File::open(path)?;
-        if file.metadata()?.len() > LARGEST_FILE {
-            return Err(std::io::Error::other("more than 256 GiB"));
-        }
-        Ok(file)
-    };
-    let file = open().map_err(|e| unreadable(path, &e))?;
+    let file = open(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
     let library = |name: &str| {
         let path = folder.join(name.replace('\\', "/"));
@@ -63,6 +59,17 @@ pub fn parse(bytes: &[u8], name: &Path) -> Result<Description> {
     read(bytes, name, |_| None)
 }
 
+fn open(path: &Path) -> Result<File, Fault> {
+    let open = || -> std::io::Result<File> {
+        let file = File::open(path)?;
+        if file.metadata()?.len() > LARGEST_FILE {
+            return Err(std::io::Error::other("more than 256 GiB"));
+        }
+        Ok(file)
+    };
+    open().map_err(|e| unreadable(path, &e))
+}
+
 fn unreadable(path: &Path, error: &std::io::Error) -> Fault {
     Fault::new(format!("cannot be read: {error}")).in_file(path)
 }
@@ -75,11 +82,22 @@ fn at_line(line: u32, message: impl Into<String>) -> Fault {
 type Library = (std::path::PathBuf, Vec<u8>);
 
 fn read(
-    mut text: impl BufRead,
+    text: impl BufRead,
     name: &Path,
     library: impl Fn(&str) -> Option<Library>,
 ) -> Result<Description> {
     let mut reader = Reader::default();
+    let each = |statement: &str, line| reader.statement(statement, line, &library);
+    statements(text, name, each)?;
+    Ok(reader.finish(name).map_err(|fault| fault.in_file(name))?)
+}
+
+/// Hands out the statements with their lines, from 1.
+fn statements(
+    mut text: impl BufRead,
+    name: &Path,
+    mut each: impl FnMut(&str, u32) -> Result<(), Fault>,
+) -> Result<(), Fault> {
     let mut bytes = Vec::new();
     let mut line = 0_u32;
     loop {
@@ -102,14 +120,11 @@ fn read(
             bytes.push(b' ');
         }
         if bytes.is_empty() {
-            break;
+            return Ok(());
         }
         let statement = String::from_utf8_lossy(&bytes);
-        reader
-            .statement(statement.trim(), first, &library)
-            .map_err(|fault| fault.in_file(name))?;
+        each(statement.trim(), first).map_err(|fault| fault.in_file(name))?;
     }
-    Ok(reader.finish(name).map_err(|fault| fault.in_file(name))?)
 }
 
 #[derive(Default)]
@@ -253,6 +268,12 @@ impl Reader {
         mesh.face_vertex_counts = self.counts;
         mesh.face_vertex_indices = self.indices;
         mesh.validate()?;
+        if let Some((face, point)) = mesh.repeated_corner() {
+            let line = self.face_lines[face];
+            self.warnings.add("repeated corner", || {
+                format!("line {line}: point {} is more than one corner of the face; remove the repeated ones", point + 1)
+            });
+        }
 
         let path = match self.object {
             Some(object) if self.objects == 1 && !object.is_empty() => format!("/{object}"),
@@ -279,6 +300,7 @@ impl Reader {
             mesh: Arc::new(mesh),
             materials,
             double_sided: true,
+            unusable_primvars: Vec::new(),
         });
         Ok(description)
     }

@@ -78,9 +78,12 @@ impl Reader {
             });
         }
         self.unhonoured(prim, names);
-        let texture = matches!(kind, LightKind::Rect { .. } | LightKind::Dome)
-            .then(|| self.light_texture(prim))
-            .flatten();
+        let texture = match kind {
+            // A rectangle's borders have nothing to do with each other.
+            LightKind::Rect { .. } => self.light_texture(prim, [Wrap::Clamp; 2]),
+            LightKind::Dome => self.light_texture(prim, [Wrap::Repeat, Wrap::Clamp]),
+            _ => None,
+        };
         Some(Light {
             world_from_light: self.pole(prim, type_name),
             path,
@@ -111,9 +114,8 @@ impl Reader {
         }
     }
 
-    fn light_texture(&mut self, prim: &Prim) -> Option<TextureMap> {
+    fn light_texture(&mut self, prim: &Prim, wrap: [Wrap; 2]) -> Option<TextureMap> {
         let attribute = prim.attribute("inputs:texture:file");
-        let wrap = [Wrap::Repeat, Wrap::Clamp];
         let texture = self.texture(prim, &attribute, wrap, ColorSpace::Auto)?;
         let format = self.word(prim, "inputs:texture:format").unwrap_or_default();
         if !matches!(format.as_str(), "" | "automatic" | "latlong") {
@@ -183,7 +185,7 @@ impl Reader {
             ),
         ] {
             if found {
-                self.warn(what, || format!("{path}: {what} are not honoured"));
+                self.warn(what, || format!("{path}: not honoured: {what}"));
             }
         }
     }

@@ -15,7 +15,7 @@ use crate::mesh::{
     BoundaryInterpolation, ControlMesh, Corner, Crease, FaceVaryingInterpolation, Interpolation,
     Primvar, Scheme, TriangleRule,
 };
-use crate::scene::{Binding, Shape, Subset};
+use crate::scene::{Binding, Shape, Subset, UnusablePrimvar};
 
 /// A shape that was read, and under which inherited state.
 pub(super) struct Known {
@@ -58,7 +58,7 @@ impl Reader {
                     .map_err(|f| f.in_file(&self.file).at_prim(prim.path().as_str()))?;
                 let own_color = has(names, "primvars:displayColor");
                 let shape = match mesh {
-                    Some(mesh) => {
+                    Some((mesh, unusable_primvars)) => {
                         let subsets = self
                             .subsets(prim, state, &mesh)
                             .map_err(|f| f.in_file(&self.file).at_prim(prim.path().as_str()))?;
@@ -70,6 +70,7 @@ impl Reader {
                                 subsets,
                             },
                             double_sided: self.truth(prim, "doubleSided").unwrap_or(false),
+                            unusable_primvars,
                         });
                         Some(self.shapes.len() - 1)
                     }
@@ -107,7 +108,7 @@ impl Reader {
         prim: &Prim,
         names: &[Token],
         state: &State,
-    ) -> Result<Option<ControlMesh>, Fault> {
+    ) -> Result<Option<(ControlMesh, Vec<UnusablePrimvar>)>, Fault> {
         let path = prim.path().as_str().to_owned();
         let counts = self.integers(prim, "faceVertexCounts");
         if counts.is_empty() {
@@ -168,26 +169,81 @@ impl Reader {
             face_varying,
             triangle_rule,
             left_handed,
-            primvars: self.primvars(prim, names)?,
             ..ControlMesh::default()
         };
+        if mesh.points.iter().all(Vec::is_empty) {
+            return Err(self.no_points(prim));
+        }
+        mesh.validate()?;
+        if let Some((face, point)) = mesh.repeated_corner() {
+            self.warn("repeated corner", || {
+                format!("{path}: face {face}: point {point} is more than one of its corners; remove the repeated ones")
+            });
+        }
+        let mut candidates = self.primvars(prim, names);
         for inherited in state.inherited.primvars.iter() {
-            if mesh.primvar(&inherited.name).is_none() {
-                mesh.primvars.push(inherited.clone());
+            if candidates.iter().all(|(own, _)| *own != inherited.name) {
+                candidates.push((inherited.name.clone(), Ok(inherited.clone())));
+            }
+        }
+        let mut unusable = Vec::new();
+        for (name, primvar) in candidates {
+            let checked = primvar.and_then(|p| mesh.validate_primvar(&p).map(|()| p));
+            match checked {
+                Ok(primvar) => mesh.primvars.push(primvar),
+                Err(fault) => {
+                    self.warn_unusable(prim, &fault);
+                    unusable.push(UnusablePrimvar { name, fault });
+                }
             }
         }
         if scheme == Scheme::None {
-            let attribute = ["primvars:normals", "normals"]
-                .into_iter()
-                .find(|n| has(names, n));
-            if let Some(attribute) = attribute {
-                mesh.normals = self
-                    .primvar(prim, attribute, "normals", Interpolation::Vertex)?
-                    .filter(|n| n.width == 3);
+            mesh.normals = self.normals(prim, names, &mesh);
+        }
+        Ok(Some((mesh, unusable)))
+    }
+
+    /// Shading normals, if there are any and they fit.
+    fn normals(&mut self, prim: &Prim, names: &[Token], mesh: &ControlMesh) -> Option<Primvar> {
+        let attribute = ["primvars:normals", "normals"]
+            .into_iter()
+            .find(|n| has(names, n))?;
+        let normals = self.primvar(prim, attribute, "normals", Interpolation::Vertex);
+        let checked = normals.and_then(|normals| {
+            normals
+                .filter(|n| n.width == 3)
+                .map(|n| mesh.validate_primvar(&n).map(|()| n))
+                .transpose()
+        });
+        match checked {
+            Ok(normals) => normals,
+            Err(fault) => {
+                self.warn("unusable normals", || {
+                    format!(
+                        "{}: {fault}; the mesh shows its facets",
+                        prim.path().as_str()
+                    )
+                });
+                None
             }
         }
-        mesh.validate()?;
-        Ok(Some(mesh))
+    }
+
+    /// Why a mesh with faces has no points.
+    fn no_points(&self, prim: &Prim) -> Fault {
+        let Some(value) = self.value(prim, "points") else {
+            return Fault::new("the mesh has faces and no points")
+                .advise("author point3f[] points");
+        };
+        let type_name = prim.attribute("points").type_name().ok().flatten();
+        match (value::vectors(value), type_name) {
+            (Some(_), _) => Fault::new("the mesh has faces, and its list of points is empty"),
+            (None, Some(name)) if name.as_str() != "point3f[]" => {
+                Fault::new(format!("the points are of type {}", name.as_str()))
+            }
+            (None, _) => Fault::new("the points are of another type than point3f[]"),
+        }
+        .advise("author point3f[] points")
     }
 
     /// An array of whole numbers, empty if there is none.

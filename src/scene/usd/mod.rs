@@ -6,12 +6,14 @@
 mod attribute;
 mod camera;
 mod collect;
+mod composition;
 mod instancer;
 mod light;
 mod material;
 mod mesh;
 mod motion;
 mod primvar;
+mod resolver;
 mod settings;
 mod texture;
 mod value;
@@ -20,7 +22,6 @@ mod walk;
 #[cfg(test)]
 mod tests;
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use openusd::usd::Stage;
@@ -31,8 +32,6 @@ use crate::scene::{Description, LoadOptions};
 
 /// Stack of the reading thread: virtual, touched only as deep as the file goes.
 const STACK: usize = 512 << 20;
-/// Braces of a text file may nest this deep.
-const MAX_NESTING: usize = 1000;
 
 /// Reads a USD file: `.usd`, `.usda`, `.usdc` or `.usdz`.
 ///
@@ -64,46 +63,22 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Description> {
     }
 }
 
-/// Whether the file is there, and does not nest deeper than the crate's recursion stands.
+/// Whether the file is there and holds anything: the crate's own words for that are less plain.
 fn check_file(path: &Path) -> Result<(), Fault> {
-    let fault = |e: std::io::Error| Fault::new(e.to_string()).in_file(path);
-    let mut file = std::fs::File::open(path).map_err(fault)?;
-    let mut start = [0; 5];
-    let mut length = 0;
-    while length < start.len() {
-        match file.read(&mut start[length..]).map_err(fault)? {
-            0 => break,
-            n => length += n,
-        }
-    }
+    let length = std::fs::File::open(path)
+        .and_then(|file| file.metadata())
+        .map_err(|e| {
+            Fault::new(format!("cannot be read: {e}"))
+                .in_file(path)
+                .advise("check the path and its permissions")
+        })?
+        .len();
     if length == 0 {
-        return Err(Fault::new("the file is empty").in_file(path));
+        return Err(Fault::new("the file is empty")
+            .in_file(path)
+            .advise("export it again"));
     }
-    if !start.starts_with(b"#usda") {
-        return Ok(());
-    }
-    let mut depth = 0_usize;
-    let mut buffer = vec![0; 1 << 16];
-    loop {
-        let n = file.read(&mut buffer).map_err(fault)?;
-        if n == 0 {
-            return Ok(());
-        }
-        for byte in &buffer[..n] {
-            match byte {
-                b'{' => depth += 1,
-                b'}' => depth = depth.saturating_sub(1),
-                _ => {}
-            }
-            if depth > MAX_NESTING {
-                return Err(
-                    Fault::new(format!("braces nest more than {MAX_NESTING} deep"))
-                        .in_file(path)
-                        .advise("flatten the hierarchy"),
-                );
-            }
-        }
-    }
+    Ok(())
 }
 
 /// Everything, on the reading thread.
@@ -113,26 +88,17 @@ fn read(path: &Path, options: &LoadOptions) -> Result<Description> {
         .ok_or_else(|| Fault::new("the file's name is not UTF-8").in_file(path))?;
     let stage = Stage::builder()
         .schema_registry(openusd_schemas::schema_registry())
+        .resolver(resolver::Guarded::new())
         .open(name)
         .map_err(|e| {
-            Fault::new(e.to_string())
+            Fault::new(e.to_string().trim_end().to_owned())
                 .in_file(path)
-                .advise("open the file with usdcat or usdchecker to see what is wrong with it")
+                .advise("if usdcat opens the file, convert it: usdcat FILE -o NEW.usdc; older spellings such as .5 for 0.5 are not read")
         })?;
     let mut reader = walk::Reader::new(stage, path, options);
     let mut out = reader.read()?;
     out.files = files(&reader.stage, path);
-    for error in reader.stage.composition_errors() {
-        let message = error.to_string();
-        let kind = message
-            .split([' ', '@'])
-            .take(2)
-            .collect::<Vec<_>>()
-            .join(" ");
-        reader
-            .warnings
-            .add(format!("composition: {kind}"), || message);
-    }
+    reader.check_composition()?;
     out.warnings = std::mem::take(&mut reader.warnings);
     Ok(out)
 }

@@ -12,11 +12,12 @@ use crate::math::Vec3;
 use crate::mesh::{Interpolation, Primvar};
 
 impl Reader {
-    /// The primvars of a mesh's own, by the attributes' names.
-    ///
-    /// # Errors
-    /// Negative indices.
-    pub(super) fn primvars(&mut self, prim: &Prim, names: &[Token]) -> Result<Vec<Primvar>, Fault> {
+    /// The primvars of a mesh's own, by the attributes' names; those that are none with the reason.
+    pub(super) fn primvars(
+        &mut self,
+        prim: &Prim,
+        names: &[Token],
+    ) -> Vec<(String, Result<Primvar, Fault>)> {
         let mut out = Vec::new();
         for attribute in names {
             let Some(name) = attribute.strip_prefix("primvars:") else {
@@ -25,9 +26,17 @@ impl Reader {
             if name.ends_with(":indices") || name == "normals" {
                 continue;
             }
-            out.extend(self.primvar(prim, attribute, name, Interpolation::Constant)?);
+            let primvar = self.primvar(prim, attribute, name, Interpolation::Constant);
+            out.extend(primvar.transpose().map(|p| (name.to_owned(), p)));
         }
-        Ok(out)
+        out
+    }
+
+    /// Tells of a primvar that is left out.
+    pub(super) fn warn_unusable(&mut self, prim: &Prim, fault: &Fault) {
+        self.warn("unusable primvar", || {
+            format!("{}: {fault}; it is left out", prim.path().as_str())
+        });
     }
 
     /// One primvar; `None` if it is not of floats or has no value.
@@ -108,9 +117,13 @@ impl Reader {
             if name.ends_with(":indices") || name == "normals" {
                 continue;
             }
-            let Ok(Some(primvar)) = self.primvar(prim, attribute, name, Interpolation::Constant)
-            else {
-                continue;
+            let primvar = match self.primvar(prim, attribute, name, Interpolation::Constant) {
+                Ok(Some(primvar)) => primvar,
+                Ok(None) => continue,
+                Err(fault) => {
+                    self.warn_unusable(prim, &fault);
+                    continue;
+                }
             };
             if primvar.interpolation != Interpolation::Constant {
                 continue;

@@ -7,7 +7,7 @@ use super::walk::Reader;
 use openusd::sdf::Value;
 
 use crate::error::{Fault, Result};
-use crate::scene::{AspectRatioConform, RenderSettings};
+use crate::scene::{AspectRatioConform, Purpose, RenderSettings};
 
 impl Reader {
     /// What the settings prim and its first raster product say; `asked` goes before the stage's own.
@@ -112,11 +112,37 @@ impl Reader {
                 .filter(|v| v.is_finite() && v.x < v.z && v.y < v.w)
                 .map(Into::into);
         }
+        if has("includedPurposes") {
+            out.included_purposes = Some(self.included_purposes(prim));
+        }
         if has("disableMotionBlur") {
             out.disable_motion_blur = self.truth(prim, "disableMotionBlur");
         }
         if has("disableDepthOfField") {
             out.disable_depth_of_field = self.truth(prim, "disableDepthOfField");
         }
+    }
+
+    /// Purposes beside `default`, which is shown whether it is named or not.
+    fn included_purposes(&mut self, prim: &Prim) -> Vec<Purpose> {
+        let words = self
+            .value(prim, "includedPurposes")
+            .and_then(value::words)
+            .unwrap_or_default();
+        words
+            .iter()
+            .filter_map(|word| match Purpose::from_word(word) {
+                None if word != "default" => {
+                    self.warn("unknown purpose", || {
+                        format!(
+                            "{}: includedPurposes: {word} is not known",
+                            prim.path().as_str()
+                        )
+                    });
+                    None
+                }
+                purpose => purpose,
+            })
+            .collect()
     }
 }

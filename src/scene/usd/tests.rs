@@ -9,7 +9,9 @@ use crate::error::{Error, Fault};
 use crate::image::{ColorSpace, ImageSource, Wrap};
 use crate::math::{DVec3, Vec3, Vec4};
 use crate::mesh::{BoundaryInterpolation, Interpolation, Scheme, TriangleRule};
-use crate::scene::{Channels, Description, Input, LightKind, LoadOptions, Projection};
+use crate::scene::{
+    Channels, Description, Input, LightKind, LoadOptions, MissingLayers, Projection,
+};
 
 const QUAD: &str = "int[] faceVertexCounts = [4]
     int[] faceVertexIndices = [0, 1, 2, 3]
@@ -120,16 +122,44 @@ fn wrong_counts_name_the_prim() {
             "sharpness -1",
         ),
         ("int[] holeIndices = [-1]", "holeIndices hold -1"),
-        (
-            "float[] primvars:a = [1, 2] (interpolation = \"vertex\")",
-            "primvar a has 2 elements for 4 points",
-        ),
     ] {
         let fault = refused(&format!("def Mesh \"Bad\" {{ {QUAD}\n{extra}\n}}"));
         assert!(fault.message.contains(message), "{fault}");
         assert_eq!(fault.prim.as_deref(), Some("/Bad"));
         assert!(fault.file.is_some());
     }
+}
+
+#[test]
+fn a_primvar_that_does_not_fit_is_left_out() {
+    let scene = read(&format!(
+        "def Mesh \"Bad\" {{ {QUAD}
+        float[] primvars:a = [1, 2] (interpolation = \"vertex\")
+        float[] primvars:b = [1, 2] (interpolation = \"uniform\")
+        float[] primvars:c = [1, 2, 3, 4] (interpolation = \"vertex\") }}"
+    ));
+    let shape = &scene.shapes[0];
+    let kept: Vec<&str> = shape
+        .mesh
+        .primvars
+        .iter()
+        .map(|p| p.name.as_str())
+        .collect();
+    assert_eq!(kept, ["c"]);
+    let left_out: Vec<&str> = shape
+        .unusable_primvars
+        .iter()
+        .map(|p| p.name.as_str())
+        .collect();
+    assert_eq!(left_out, ["a", "b"]);
+    assert_eq!(kinds(&scene), ["unusable primvar"]);
+    let fault = &shape.unusable_primvars[0].fault;
+    assert!(
+        fault
+            .message
+            .contains("primvar a has 2 elements for 4 points"),
+        "{fault}"
+    );
 }
 
 #[test]
@@ -142,10 +172,21 @@ fn damaged_files_are_refused() {
 }
 
 #[test]
-fn a_missing_reference_is_a_warning_and_a_bad_instancer_a_fault() {
-    let scene = read(&format!(
+fn a_missing_reference_and_a_bad_instancer_are_faults() {
+    let body = format!(
         "def Xform \"A\" ( references = @./gone.usda@ ) {{ }}\ndef Mesh \"M\" {{ {QUAD} }}"
-    ));
+    );
+    let fault = refused(&body);
+    assert!(
+        fault.message.contains("gone.usda") && fault.message.contains("/A"),
+        "{fault}"
+    );
+    let (_folder, file) = write(&body);
+    let options = LoadOptions {
+        missing_layers: MissingLayers::Skip,
+        ..LoadOptions::default()
+    };
+    let scene = load(&file, &options).expect("a scene");
     assert_eq!(scene.placements.len(), 1);
     assert!(kinds(&scene).iter().any(|k| k.starts_with("composition: ")));
     let fault = refused(

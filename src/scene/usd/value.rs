@@ -36,6 +36,15 @@ pub(super) fn word(value: Value) -> Option<String> {
     }
 }
 
+/// An array of tokens or strings.
+pub(super) fn words(value: Value) -> Option<Vec<String>> {
+    match value {
+        Value::TokenVec(v) => Some(v.iter().map(|t| t.as_str().to_owned()).collect()),
+        Value::StringVec(v) => Some(v),
+        other => word(other).map(|w| vec![w]),
+    }
+}
+
 /// A path to an asset.
 pub(super) fn asset(value: Value) -> Option<AssetPath> {
     match value {

@@ -33,10 +33,12 @@ pub(super) struct Reader {
     pub(super) unreadable: RefCell<Warnings>,
     /// The frame.
     pub(super) time: f64,
+    /// What is shown beside the default purpose.
+    purposes: Vec<Purpose>,
     /// Shutter open and close, in frames; `None` where nothing is to move.
     pub(super) shutter: Option<[f64; 2]>,
     pub(super) frames_per_second: f64,
-    options: LoadOptions,
+    pub(super) options: LoadOptions,
     prims: usize,
     pub(super) placed: usize,
     pub(super) here: Collected,
@@ -110,6 +112,7 @@ impl Reader {
             warnings: Warnings::default(),
             unreadable: RefCell::default(),
             time: 0.0,
+            purposes: Vec::new(),
             shutter: None,
             frames_per_second: if frames_per_second > 0.0 {
                 frames_per_second
@@ -142,6 +145,10 @@ impl Reader {
         self.time = frame.unwrap_or(0.0);
         let asked = self.options.settings.clone();
         let settings = self.settings(asked.as_deref())?;
+        let wanted = self.options.purposes.clone();
+        self.purposes = wanted
+            .or_else(|| settings.included_purposes.clone())
+            .unwrap_or_else(|| vec![Purpose::Render]);
         if self.options.motion_blur && settings.disable_motion_blur != Some(true) {
             self.shutter = self.find_shutter(settings.camera.as_deref());
         }
@@ -361,13 +368,8 @@ impl Reader {
 
     /// Whether it is visible and its purpose asked for.
     pub(super) fn is_shown(&self, inherited: &Inherited) -> bool {
-        let purpose = match inherited.purpose.as_deref() {
-            Some("render") => Purpose::Render,
-            Some("proxy") => Purpose::Proxy,
-            Some("guide") => Purpose::Guide,
-            _ => return inherited.visible,
-        };
-        inherited.visible && self.options.purposes.contains(&purpose)
+        let purpose = inherited.purpose.as_deref().and_then(Purpose::from_word);
+        inherited.visible && purpose.is_none_or(|p| self.purposes.contains(&p))
     }
 
     /// What a prim hands down.

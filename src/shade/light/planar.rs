@@ -20,6 +20,8 @@ pub(super) struct Planar {
     /// Half the edges, or the images of the radii along X and Y.
     x: Vec3,
     y: Vec3,
+    /// Their lengths.
+    half: [f32; 2],
     /// `a = to_a . (p - centre)`, likewise `b`, for points of the plane.
     to_a: Vec3,
     to_b: Vec3,
@@ -49,6 +51,7 @@ impl Planar {
             centre: world_from_light.translation.as_vec3(),
             x: x.as_vec3(),
             y: y.as_vec3(),
+            half: [x, y].map(|edge| edge.as_vec3().length()),
             to_a: (to_a / to_a.dot(x)).as_vec3(),
             to_b: (to_b / to_b.dot(y)).as_vec3(),
             front: front.as_vec3(),
@@ -67,12 +70,10 @@ impl Planar {
         } else {
             self.x.abs() + self.y.abs()
         };
-        Bounds3 {
-            min: self.centre - reach,
-            max: self.centre + reach,
-        }
+        Bounds3::around(self.centre, reach)
     }
 
+    #[inline]
     pub(super) fn intersect(&self, ray: &Ray) -> Option<Met> {
         let from = ray.origin - self.centre;
         let (height, speed) = (self.front.dot(from), self.front.dot(ray.direction));
@@ -153,7 +154,7 @@ impl Planar {
         if !self.rectangular {
             return None;
         }
-        let (lx, ly) = (self.x.length(), self.y.length());
+        let [lx, ly] = self.half;
         let height = self.front.dot(from);
         // Seen from very flat the angles of the formula coincide; from afar area sampling is as good.
         if height < 1e-4 * lx.max(ly) || self.area < 1e-3 * height * height {
@@ -189,10 +190,9 @@ impl SphericalRectangle {
         let (y0, y1) = (-half.y - p.y, half.y - p.y);
         let z0 = -p.z;
         // Components of the planes' normals n0 .. n3 along z; n0 . n1 and so on are their products.
-        let n0 = -y0 / y0.hypot(z0);
-        let n1 = x1 / x1.hypot(z0);
-        let n2 = y1 / y1.hypot(z0);
-        let n3 = -x0 / x0.hypot(z0);
+        // The squares of what were single numbers stay in the range of double ones: no need of `hypot`'s care.
+        let sine = |a: f64| a / (a * a + z0 * z0).sqrt();
+        let [n0, n1, n2, n3] = [-y0, x1, y1, -x0].map(sine);
         let angle = |a: f64, b: f64| (-a * b).clamp(-1.0, 1.0).acos();
         let k = 2.0 * PI - angle(n2, n3) - angle(n3, n0);
         let solid_angle = angle(n0, n1) + angle(n1, n2) - k;
@@ -214,7 +214,7 @@ impl SphericalRectangle {
         let (u, v) = (f64::from(u[0]), f64::from(u[1]));
         let au = u * self.solid_angle + self.k;
         let fu = (au.cos() * self.b0 - self.b1) / au.sin();
-        let cu = (fu.hypot(self.b0).recip().copysign(fu)).clamp(-1.0, 1.0);
+        let cu = ((fu * fu + self.b0 * self.b0).sqrt().recip().copysign(fu)).clamp(-1.0, 1.0);
         let xu = (-(cu * self.z0) / (1.0 - cu * cu).max(1e-24).sqrt()).clamp(self.x0, self.x1);
         let d2 = xu * xu + self.z0 * self.z0;
         let h0 = self.y0 / (d2 + self.y0 * self.y0).sqrt();

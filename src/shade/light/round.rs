@@ -51,6 +51,22 @@ impl Placed {
         self.unit_from_world * (p - self.centre)
     }
 
+    /// The nearest point within the ray where it meets the unit shape: how far along, and the point in unit space.
+    /// The shape is the unit sphere, drawn out along each axis where `across` is 0 instead of 1, as far as `holds`.
+    fn nearest(
+        &self,
+        ray: &Ray,
+        across: Vec3,
+        holds: impl Fn(Vec3) -> bool,
+    ) -> Option<(f32, Vec3)> {
+        let from = self.unit_point(ray.origin);
+        let direction = self.unit_from_world * ray.direction;
+        roots(across * from, across * direction, self.slack)?
+            .into_iter()
+            .map(|t| (t, from + t * direction))
+            .find(|&(t, at)| t > ray.t_min && t < ray.t_max && holds(at))
+    }
+
     /// Outward stays outward under the inverse transpose, mirrored or not.
     fn normal(&self, unit: Vec3) -> Vec3 {
         (self.unit_from_world.transpose() * unit).normalize_or(Vec3::Z)
@@ -82,20 +98,12 @@ impl Ellipsoid {
         let m = self.placed.world_from_unit;
         let reach =
             (m.x_axis * m.x_axis + m.y_axis * m.y_axis + m.z_axis * m.z_axis).map(f32::sqrt);
-        Bounds3 {
-            min: self.placed.centre - reach,
-            max: self.placed.centre + reach,
-        }
+        Bounds3::around(self.placed.centre, reach)
     }
 
     pub(super) fn intersect(&self, ray: &Ray) -> Option<Met> {
-        let from = self.placed.unit_point(ray.origin);
-        let direction = self.placed.unit_from_world * ray.direction;
-        let roots = roots(from, direction, self.placed.slack)?;
-        let t = roots
-            .into_iter()
-            .find(|&t| t > ray.t_min && t < ray.t_max)?;
-        let n = (from + t * direction).normalize_or(Vec3::Y);
+        let (t, at) = self.placed.nearest(ray, Vec3::ONE, |_| true)?;
+        let n = at.normalize_or(Vec3::Y);
         Some(Met {
             t,
             uv: Vec2::new(turn(n.z.atan2(n.x)), n.y.clamp(-1.0, 1.0).acos() / PI),
@@ -177,22 +185,13 @@ impl Tube {
     pub(super) fn bounds(&self) -> Bounds3 {
         let m = self.placed.world_from_unit;
         let reach = m.x_axis.abs() + (m.y_axis * m.y_axis + m.z_axis * m.z_axis).map(f32::sqrt);
-        Bounds3 {
-            min: self.placed.centre - reach,
-            max: self.placed.centre + reach,
-        }
+        Bounds3::around(self.placed.centre, reach)
     }
 
     pub(super) fn intersect(&self, ray: &Ray) -> Option<Met> {
-        let from = self.placed.unit_point(ray.origin);
-        let direction = self.placed.unit_from_world * ray.direction;
-        let flat = |v: Vec3| Vec3::new(0.0, v.y, v.z);
-        let roots = roots(flat(from), flat(direction), self.placed.slack)?;
-        let t = roots
-            .into_iter()
-            .find(|&t| t > ray.t_min && t < ray.t_max && (from.x + t * direction.x).abs() <= 1.0)?;
-        let at = from + t * direction;
-        let n = flat(at).normalize_or(Vec3::Y);
+        let across = Vec3::new(0.0, 1.0, 1.0);
+        let (t, at) = self.placed.nearest(ray, across, |at| at.x.abs() <= 1.0)?;
+        let n = (across * at).normalize_or(Vec3::Y);
         Some(Met {
             t,
             uv: Vec2::new(0.5 + 0.5 * at.x, turn(n.z.atan2(n.y))),

@@ -1,12 +1,23 @@
-//! Uniform refinement, one scheme a file.
+//! The schemes, one file each.
 //!
-//! A scheme is two sets of masks: those of one refinement step and those that carry a point to the limit. Both are
-//! written down once as `stencils::Stencils`, which then move points of every motion key and vertex primvars
-//! alike.
+//! Catmull-Clark, Loop and bilinear are masks for [`crate::subdiv::refine`] and [`crate::subdiv::LimitSurface`]. The
+//! classical ones are behind [`classic::refine`]; curves have [`chaikin`].
 
-pub mod loop_scheme;
+pub mod chaikin;
+pub mod chaikin_page;
+pub mod classic;
+pub mod doo_sabin_limit;
+pub mod sqrt3;
 
-mod edges;
-mod stencils;
+pub(in crate::subdiv) mod bilinear;
+pub(in crate::subdiv) mod catmull_clark;
+pub(in crate::subdiv) mod loop_scheme;
+
+mod butterfly;
+mod doo_sabin;
+mod sharp;
+
 #[cfg(test)]
-mod tests;
+mod classic_tests;
+#[cfg(test)]
+mod doo_sabin_tests;

@@ -40,17 +40,17 @@ fn a_corner_of_the_cube_has_its_limit() {
     let point = scene.geometry(0).surface_point(hit.primitive, hit.uv, 0.0);
     assert!(hit.normal.z > 0.0 && point.du.cross(point.dv).z > 0.0);
     assert!((point.position - Vec3::new(0.1, 0.2, 10.0 - hit.t)).length() < 0.01);
-    // Second derivatives against differences of first ones.
+    // Derivatives against differences.
     let h = 1e-2;
     let near = |d: Vec2| {
-        scene
-            .geometry(0)
-            .surface_point(hit.primitive, hit.uv + d, 0.0)
+        let uv = hit.uv + d;
+        scene.geometry(0).surface_point(hit.primitive, uv, 0.0)
     };
-    let [duv, duu] = [Vec2::Y, Vec2::X].map(|d| (near(h * d).du - near(-h * d).du) / (2.0 * h));
+    let [du, dv] =
+        [Vec2::X, Vec2::Y].map(|d| (near(h * d).position - near(-h * d).position) / (2.0 * h));
     assert!(
-        (duu - point.duu).length() < 0.02 && (duv - point.duv).length() < 0.02,
-        "{duu} {duv} {point:?}"
+        (du - point.du).length() < 1e-3 && (dv - point.dv).length() < 1e-3,
+        "{du} {dv} {point:?}"
     );
 }
 
@@ -275,6 +275,54 @@ fn displacement_moves_the_surface_and_reads_primvars() {
     let mut x = [0.0];
     scene.geometry(0).primvar(0, hit.primitive, hit.uv, &mut x);
     assert!((x[0] - 3.3).abs() < 1e-2);
+}
+
+#[test]
+fn displaced_points_are_those_of_the_surface_not_of_its_facets() {
+    let device = device();
+    // A constant height keeps the normal, on quads and on triangles.
+    for mesh in [cube(), fan(5)] {
+        let faces = mesh.face_count() as u32;
+        let triangles = mesh.face_vertex_counts[0] == 3;
+        let displacement: Displacement = Arc::new(|p| 0.3 * p.normal);
+        let displaced = SubdivisionOptions {
+            displacement: Some(displacement),
+            ..options(8.0)
+        };
+        let scene = build(&device, mesh, displaced);
+        let geometry = scene.geometry(0);
+        for face in 0..faces {
+            for inner in [
+                Vec2::new(0.0, 0.3),
+                Vec2::new(0.7, 0.2),
+                Vec2::new(0.5, 0.9),
+            ] {
+                let uv = if triangles { face_uv(1, inner) } else { inner };
+                let limit = geometry.surface_point(face, uv, 0.0);
+                let moved = geometry.displaced_point(face, uv, 0.0);
+                let normal = limit.du.cross(limit.dv).normalize();
+                assert!((moved.position - limit.position - 0.3 * normal).length() < 1e-5);
+                let turned = moved.du.cross(moved.dv).normalize().dot(normal);
+                assert!(turned > 0.995, "{face} {uv}: {turned}");
+            }
+        }
+    }
+    // A wave on a flat sheet has the wave's slope.
+    let displacement: Displacement = Arc::new(|p| 0.2 * (2.0 * p.position.x).sin() * p.normal);
+    let displaced = SubdivisionOptions {
+        displacement: Some(displacement),
+        ..options(16.0)
+    };
+    let scene = build(&device, sheet(8), displaced);
+    for x in [3.1_f32, 3.5, 4.0, 4.77] {
+        let hit = scene.intersect(&down(x, 4.4)).expect("a hit");
+        let point = scene
+            .geometry(0)
+            .displaced_point(hit.primitive, hit.uv, 0.0);
+        let expected = 0.4 * (2.0 * point.position.x).cos();
+        let slope = point.du.z / point.du.x;
+        assert!((slope - expected).abs() < 3e-3, "{x}: {slope} {expected}");
+    }
 }
 
 #[test]

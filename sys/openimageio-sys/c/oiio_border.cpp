@@ -455,12 +455,13 @@ int oiio_border_write(OiioBorderOutput* output, uint32_t rows, const void* pixel
             throw Failure { OIIO_BORDER_MISUSE, "the buffer has another size" };
         const int begin = spec.y + int(output->row);
         const int end   = begin + int(rows);
-        // Unknown: each channel comes in its own format.
-        const OIIO::TypeDesc native;
+        // Unknown says that each channel comes in its own format. Only there: some writers of OpenImageIO 2.5 take a
+        // pixel of unknown format to be 0 bytes wide, and write the first one of each row all over it.
+        const OIIO::TypeDesc type = spec.channelformats.empty() ? spec.format : OIIO::TypeDesc();
         const bool written = spec.tile_width > 0
-                                 ? output->output->write_tiles(spec.x, spec.x + spec.width, begin, end, 0, 1, native,
+                                 ? output->output->write_tiles(spec.x, spec.x + spec.width, begin, end, 0, 1, type,
                                                                pixels)
-                                 : output->output->write_scanlines(begin, end, 0, native, pixels);
+                                 : output->output->write_scanlines(begin, end, 0, type, pixels);
         if (!written)
             output->fail();
         output->file->check();

@@ -1,0 +1,560 @@
+//! The limit surface of any face, alone: position and derivatives at (face, u, v), with creases, in the manner of
+//! Nießner et al., *Feature-Adaptive GPU Rendering of Catmull-Clark Subdivision Surfaces*, 2012: regular faces are
+//! polynomial patches, others are split around what makes them irregular.
+//!
+//! Nothing global is refined. Each face has the numbers of its ring's vertices, a plan that it shares with all faces
+//! in equal surroundings, and the few points that the plan makes. Unlike the paper there are no approximating patches
+//! where refinement stops: the last splits are repeated while evaluating, down to the limit itself.
+//!
+//! Faces here are *Ptex faces*: with Catmull-Clark and bilinear meshes a quad is one, any other face one for each of
+//! its corners; with Loop a triangle is one.
+//!
+//! ```text
+//!   3 ---- 2     quad: (0, 0) is corner 0, (1, 0) corner 1, (0, 1) corner 3
+//!   |      |     sub-face k: (0, 0) is corner k of its face, (1, 0) the middle of the edge to the next corner,
+//!   0 ---- 1       (1, 1) the middle of the face
+//!                triangle: (0, 0), (1, 0), (0, 1) are its corners
+//! ```
+
+use std::collections::HashMap;
+
+use rayon::prelude::*;
+
+use super::cage::Cage;
+use super::descent::{Found, descend_strip, pick, run, scale, weigh};
+use super::parameters::{by_parameters, clamp, corner_at, quarter};
+use super::patch::{self, LimitPoint, PatchKind, Real};
+use super::plan::{Node, Plan, STORED_SPLITS};
+use super::ring::Ring;
+use super::stencils::Stencils;
+use super::step::{Shape, Steps};
+use crate::mesh::{ControlMesh, FaceVaryingInterpolation, Primvar};
+
+/// The limit surface of a control mesh, without its points: see [`LimitSurface::field`].
+#[derive(Debug)]
+pub struct LimitSurface {
+    kind: PatchKind,
+    faces: Vec<Face>,
+    /// The vertices of the rings, one after the other.
+    rings: Vec<u32>,
+    plans: Vec<Plan>,
+    steps: Steps,
+    vertices: usize,
+    /// Points that all faces have of their own.
+    own_points: usize,
+    /// The first Ptex face of each face of the mesh, and how many there are.
+    first_ptex: Vec<u32>,
+}
+
+/// A Ptex face.
+#[derive(Debug, Clone, Copy)]
+struct Face {
+    /// [`HOLE`] where there is no surface.
+    plan: u32,
+    ring: u32,
+    own: u32,
+}
+
+const HOLE: u32 = u32::MAX;
+
+/// What follows a surface: the points, or a primvar, carried to all patches.
+#[derive(Debug, Clone)]
+pub struct Field<T> {
+    width: usize,
+    vertices: Vec<T>,
+    own: Vec<T>,
+}
+
+impl<T> Field<T> {
+    /// Components of a value.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        size_of_val(self.vertices.as_slice()) + size_of_val(self.own.as_slice())
+    }
+}
+
+impl LimitSurface {
+    /// The limit surface of a valid mesh. Polygon meshes count as bilinear.
+    pub fn new(mesh: &ControlMesh) -> Self {
+        Self::of(&Cage::of(mesh))
+    }
+
+    /// The surface over which a face-varying primvar of a valid mesh is smooth, and the primvar's element at each
+    /// of its vertices: [`field`](Self::field) takes the elements in this order.
+    pub fn face_varying(
+        mesh: &ControlMesh,
+        primvar: &Primvar,
+        rule: FaceVaryingInterpolation,
+    ) -> (Self, Vec<u32>) {
+        let (cage, elements) = Cage::of(mesh).cut(primvar, rule);
+        (Self::of(&cage), elements)
+    }
+
+    /// How many Ptex faces there are, holes included.
+    pub fn face_count(&self) -> usize {
+        self.faces.len()
+    }
+
+    /// How many vertices the control mesh has.
+    pub fn vertex_count(&self) -> usize {
+        self.vertices
+    }
+
+    /// The Ptex faces of a face of the mesh.
+    pub fn ptex_faces(&self, face: u32) -> std::ops::Range<u32> {
+        self.first_ptex[face as usize]..self.first_ptex[face as usize + 1]
+    }
+
+    /// Whether parameters run over a triangle, u + v ≤ 1, instead of a square.
+    pub fn is_triangular(&self) -> bool {
+        self.kind.is_triangular()
+    }
+
+    /// Whether there is no surface: a hole, or a face at a border that is left out.
+    pub fn is_hole(&self, face: u32) -> bool {
+        self.faces[face as usize].plan == HOLE
+    }
+
+    /// Carries values of `width` components, one after the other for each vertex, to the points of all patches.
+    ///
+    /// # Panics
+    /// If `values` are not as many as the vertices ask for.
+    pub fn field<T: Real>(&self, values: Vec<T>, width: usize) -> Field<T> {
+        assert_eq!(
+            values.len(),
+            self.vertices * width,
+            "values of all vertices"
+        );
+        let mut own = vec![T::default(); self.own_points * width];
+        // Faces own consecutive stretches, so each can be filled by itself.
+        let mut rest = own.as_mut_slice();
+        let mut work = Vec::new();
+        for face in self.faces.iter().filter(|f| f.plan != HOLE) {
+            let rows = self.plans[face.plan as usize].program.len();
+            if rows > 0 {
+                let (stretch, after) = rest.split_at_mut(rows * width);
+                work.push((*face, stretch));
+                rest = after;
+            }
+        }
+        work.into_par_iter()
+            .with_min_len(16)
+            .for_each(|(face, out)| {
+                let plan = &self.plans[face.plan as usize];
+                let ring = &self.rings[face.ring as usize..][..plan.ring as usize];
+                let mut points: Vec<f64> =
+                    Vec::with_capacity((ring.len() + plan.program.len()) * width);
+                for &vertex in ring {
+                    points.extend(
+                        values[vertex as usize * width..][..width]
+                            .iter()
+                            .map(|x| x.get()),
+                    );
+                }
+                run(&plan.program, width, &mut points);
+                for (out, &x) in out.iter_mut().zip(&points[ring.len() * width..]) {
+                    *out = T::of(x);
+                }
+            });
+        Field {
+            width,
+            vertices: values,
+            own,
+        }
+    }
+
+    /// The field of a mesh's points at a motion key.
+    pub fn points<T: Real>(&self, mesh: &ControlMesh, key: usize) -> Field<T> {
+        let points = mesh.points[key].iter().flat_map(|p| p.to_array());
+        self.field(points.map(|x| T::of(f64::from(x))).collect(), 3)
+    }
+
+    /// The point at (u, v) on a Ptex face, with its derivatives by u and v. `field` has three components.
+    ///
+    /// Exactly at an extraordinary vertex derivatives have no length: du × dv is then along the normal, and both are
+    /// of the order of the face's size; second derivatives are 0.
+    ///
+    /// Parameters outside of the face are moved to its border.
+    ///
+    /// # Panics
+    /// If the face is a hole.
+    pub fn evaluate<T: Real>(&self, field: &Field<T>, face: u32, u: f64, v: f64) -> LimitPoint<T> {
+        debug_assert_eq!(field.width, 3);
+        let place = self.find(face, u, v);
+        let point = |i: u32| -> [T; 3] {
+            let p = place.value(field, i);
+            [p[0], p[1], p[2]]
+        };
+        let mut out = match place.part {
+            Part::Patch => patch::evaluate(self.kind, |i| point(place.points[i]), place.u, place.v),
+            Part::Split(step) => {
+                let ring = self.steps.get(step).ring as usize;
+                let points = place.points[..ring]
+                    .iter()
+                    .flat_map(|&i| point(i).map(Real::get));
+                let found = self.descend(step, points.collect(), 3, place.u, place.v);
+                return found.finish::<T>(self.kind, place.scale);
+            }
+        };
+        scale(&mut out, place.scale);
+        out
+    }
+
+    /// The value of a field of any width at (u, v) on a Ptex face.
+    ///
+    /// # Panics
+    /// If the face is a hole, or `out` is not as long as the field is wide.
+    pub fn interpolate<T: Real>(&self, field: &Field<T>, face: u32, u: f64, v: f64, out: &mut [T]) {
+        let width = field.width;
+        assert_eq!(out.len(), width);
+        let place = self.find(face, u, v);
+        let mut sum = vec![0.0; width];
+        match place.part {
+            Part::Patch => {
+                let weights = self.kind.weights(place.u, place.v);
+                for (&i, &w) in place.points.iter().zip(&weights.p[..self.kind.points()]) {
+                    for (sum, x) in sum.iter_mut().zip(place.value(field, i)) {
+                        *sum += w * x.get();
+                    }
+                }
+            }
+            Part::Split(step) => {
+                let ring = self.steps.get(step).ring as usize;
+                let points = place.points[..ring]
+                    .iter()
+                    .flat_map(|&i| place.value(field, i).iter().map(|x| x.get()));
+                let found = self.descend(step, points.collect(), width, place.u, place.v);
+                found.value(self.kind, &mut sum);
+            }
+        }
+        for (out, sum) in out.iter_mut().zip(sum) {
+            *out = T::of(sum);
+        }
+    }
+
+    /// Whether a corner of a Ptex face, (0, 0), (1, 0), (1, 1), (0, 1) or of a triangle (0, 0), (1, 0), (0, 1), is an
+    /// extraordinary point: one where derivatives have no length.
+    pub fn is_extraordinary(&self, face: u32, u: f64, v: f64) -> bool {
+        let place = self.find(face, u, v);
+        match place.part {
+            Part::Patch => false,
+            Part::Split(step) => corner_at(self.kind, place.u, place.v)
+                .is_some_and(|c| matches!(self.steps.get(step).limits.get(c), Some(Some(_)))),
+        }
+    }
+
+    /// The point at an extraordinary corner as OpenSubdiv gives it, which stops at an isolation level: masks over the
+    /// points after `level` refinements of the mesh's face, 6 and more. Nothing if the corner is no longer
+    /// extraordinary there, or (u, v) is no corner; what [`evaluate`](Self::evaluate) gives is exact then.
+    ///
+    /// Where this differs from the limit, at darts, corners and the ends of borders, it comes nearer with each level.
+    pub fn isolate<T: Real>(
+        &self,
+        field: &Field<T>,
+        face: u32,
+        u: f64,
+        v: f64,
+        level: u32,
+    ) -> Option<Isolated> {
+        debug_assert!(level > STORED_SPLITS);
+        let corner = corner_at(self.kind, u, v)?;
+        let place = self.find(face, u, v);
+        let Part::Split(mut step) = place.part else {
+            return None;
+        };
+        let width = field.width;
+        let mut size = place.scale[0].abs();
+        let ring = self.steps.get(step).ring as usize;
+        let mut points: Vec<f64> = place.points[..ring]
+            .iter()
+            .flat_map(|&i| place.value(field, i).iter().map(|x| x.get()))
+            .collect();
+        for _ in place.level..level {
+            let split = self.steps.get(step);
+            run(&split.rows, width, &mut points);
+            let Shape::Split { step: next, ring } = &split.children[corner] else {
+                return None;
+            };
+            points = pick(&points, width, ring);
+            step = *next;
+            size *= 2.0;
+        }
+        let mask = self.steps.get(step).masks.get(corner)?.as_ref()?;
+        let sum = |row: &[f64]| weigh(row, &points, width);
+        let limit = &mask.limit;
+        let tangents = [&limit.tangents[0], &limit.tangents[1]]
+            .map(|row| sum(row).iter().map(|x| x * size).collect());
+        Some(Isolated {
+            position: sum(&limit.position),
+            tangents: by_parameters(self.kind, corner, tangents),
+            has_lengths: mask.has_lengths,
+        })
+    }
+
+    /// Bytes held, fields not included.
+    pub fn memory(&self) -> usize {
+        size_of_val(self.faces.as_slice())
+            + size_of_val(self.rings.as_slice())
+            + size_of_val(self.first_ptex.as_slice())
+            + self.plans.iter().map(Plan::memory).sum::<usize>()
+            + self.steps.memory()
+    }
+
+    /// How many different plans the faces share.
+    pub fn plan_count(&self) -> usize {
+        self.plans.len()
+    }
+
+    fn of(cage: &Cage) -> Self {
+        let topology = &cage.topology;
+        let kind = match (cage.rules.triangles(), cage.rules.linear) {
+            (false, false) => PatchKind::Bicubic,
+            (false, true) => PatchKind::Bilinear,
+            (true, false) => PatchKind::BoxSpline,
+            (true, true) => PatchKind::Linear,
+        };
+        let mut surface = Self {
+            kind,
+            faces: Vec::new(),
+            rings: Vec::new(),
+            plans: Vec::new(),
+            steps: Steps::default(),
+            vertices: topology.vertex_count(),
+            own_points: 0,
+            first_ptex: vec![0],
+        };
+        // Rings and their keys come in parallel, a batch at a time so that they need not all be held.
+        let faces: Vec<u32> = (0..topology.face_count() as u32).collect();
+        let mut plans: HashMap<Vec<u32>, u32> = HashMap::new();
+        for batch in faces.chunks(1 << 14) {
+            let rings: Vec<Option<(Ring, Vec<u32>)>> = batch
+                .par_iter()
+                .with_min_len(64)
+                .map(|&face| {
+                    (!cage.hole[face as usize]).then(|| {
+                        let ring = Ring::of(cage, face);
+                        let key = ring.key();
+                        (ring, key)
+                    })
+                })
+                .collect();
+            for (&face, ring) in batch.iter().zip(rings) {
+                surface.add(cage, face, ring, &mut plans);
+            }
+        }
+        surface
+    }
+
+    fn add(
+        &mut self,
+        cage: &Cage,
+        face: u32,
+        ring: Option<(Ring, Vec<u32>)>,
+        plans: &mut HashMap<Vec<u32>, u32>,
+    ) {
+        let sides = cage.topology.corners(face).len();
+        let parts = if self.is_triangular() || sides == 4 {
+            1
+        } else {
+            sides
+        };
+        match ring {
+            None => self.faces.extend(std::iter::repeat_n(
+                Face {
+                    plan: HOLE,
+                    ring: 0,
+                    own: 0,
+                },
+                parts,
+            )),
+            Some((ring, key)) => {
+                let first = *plans.entry(key).or_insert_with(|| {
+                    let first = self.plans.len() as u32;
+                    self.plan(&ring, parts);
+                    first
+                });
+                let start = self.rings.len() as u32;
+                self.rings.extend(&ring.vertices);
+                for part in 0..parts {
+                    let plan = first + part as u32;
+                    self.faces.push(Face {
+                        plan,
+                        ring: start,
+                        own: self.own_points as u32,
+                    });
+                    self.own_points += self.plans[plan as usize].program.len();
+                }
+            }
+        }
+        self.first_ptex.push(self.faces.len() as u32);
+    }
+
+    /// Adds the plans of a face with this ring.
+    fn plan(&mut self, ring: &Ring, parts: usize) {
+        let size = ring.vertices.len() as u32;
+        let own: Vec<u32> = (0..size).collect();
+        let mut program = Stencils::with_capacity(0);
+        let shape = self.steps.shape(ring, &own, &mut |terms| {
+            for (point, weight) in terms {
+                program.add(point, weight);
+            }
+            program.end_row();
+            size + program.len() as u32 - 1
+        });
+        match shape {
+            Shape::Split { step, .. } if parts > 1 => {
+                for part in 0..parts {
+                    self.plans.push(Plan::of_child(&self.steps, step, part));
+                }
+            }
+            shape => self
+                .plans
+                .push(Plan::new(&self.steps, size, program, &shape)),
+        }
+    }
+
+    /// The part of the face's plan that (u, v) is in.
+    fn find(&self, face: u32, u: f64, v: f64) -> Place<'_> {
+        let face = self.faces[face as usize];
+        assert_ne!(face.plan, HOLE, "evaluation of a hole");
+        let plan = &self.plans[face.plan as usize];
+        let [mut u, mut v] = clamp(self.kind, u, v);
+        let mut size = [1.0; 2];
+        let mut node = 0;
+        let mut level = plan.level;
+        let (part, points) = loop {
+            match plan.nodes[node] {
+                Node::Quarters(quarters) => {
+                    level += 1;
+                    node = quarters[quarter(self.kind, &mut u, &mut v, &mut size)] as usize;
+                }
+                Node::Halves { edge, halves } => {
+                    let (t, size, turned) = match edge {
+                        0 => (&mut v, &mut size[1], true),
+                        1 => (&mut u, &mut size[0], false),
+                        2 => (&mut v, &mut size[1], false),
+                        _ => (&mut u, &mut size[0], true),
+                    };
+                    let near = if turned { 1.0 - *t } else { *t };
+                    let half = usize::from(near >= 0.5);
+                    let near = 2.0 * near - half as f64;
+                    *t = if turned { 1.0 - near } else { near };
+                    *size *= 2.0;
+                    node = halves[half] as usize;
+                }
+                Node::Patch(points) => break (Part::Patch, points),
+                Node::Split { step, points } => break (Part::Split(step), points),
+            }
+        };
+        Place {
+            level,
+            part,
+            points: &plan.points[points as usize..],
+            ring: &self.rings[face.ring as usize..][..plan.ring as usize],
+            own: face.own,
+            u,
+            v,
+            scale: size,
+        }
+    }
+
+    /// Repeats a step until (u, v) lies in a patch. `points` are those of the step's ring.
+    fn descend(
+        &self,
+        mut step: u32,
+        mut points: Vec<f64>,
+        width: usize,
+        mut u: f64,
+        mut v: f64,
+    ) -> Found {
+        let mut size = [1.0; 2];
+        for splits in 0.. {
+            let split = self.steps.get(step);
+            debug_assert!(splits < 200, "steps that never settle");
+            if let Some(corner) = corner_at(self.kind, u, v)
+                && let Some(limit) = split.limits.get(corner).and_then(Option::as_ref)
+            {
+                let sum = |row: &[f64]| weigh(row, &points, width);
+                let tangents = [sum(&limit.tangents[0]), sum(&limit.tangents[1])];
+                return Found::Corner {
+                    position: sum(&limit.position),
+                    tangents: by_parameters(self.kind, corner, tangents),
+                };
+            }
+            run(&split.rows, width, &mut points);
+            let child = quarter(self.kind, &mut u, &mut v, &mut size);
+            let pick = |list: &[u32]| pick(&points, width, list);
+            match &split.children[child] {
+                Shape::Patch(list) => {
+                    return Found::Patch {
+                        points: pick(list),
+                        width,
+                        u,
+                        v,
+                        size,
+                    };
+                }
+                Shape::Strip {
+                    points: list,
+                    edge,
+                    sharpness,
+                } => {
+                    let mut line = pick(list);
+                    return descend_strip(&mut line, width, *edge, *sharpness, [u, v], size);
+                }
+                Shape::Split { step: next, ring } => {
+                    points = pick(ring);
+                    step = *next;
+                }
+            }
+        }
+        unreachable!("a split leads to a patch, or to itself at a vertex whose limit is known")
+    }
+}
+
+/// See [`LimitSurface::isolate`].
+#[derive(Debug, Clone)]
+pub struct Isolated {
+    /// As wide as the field.
+    pub position: Vec<f64>,
+    /// By u and v, or some way round in the same plane where only directions are known.
+    pub tangents: [Vec<f64>; 2],
+    /// Whether the tangents are derivatives, and not directions only.
+    pub has_lengths: bool,
+}
+
+/// Where parameters lie in a plan.
+struct Place<'a> {
+    /// How often the mesh's face is split here.
+    level: u32,
+    part: Part,
+    points: &'a [u32],
+    ring: &'a [u32],
+    own: u32,
+    u: f64,
+    v: f64,
+    /// What derivatives are to be multiplied with.
+    scale: [f64; 2],
+}
+
+enum Part {
+    Patch,
+    Split(u32),
+}
+
+impl Place<'_> {
+    fn value<'f, T>(&self, field: &'f Field<T>, point: u32) -> &'f [T] {
+        let width = field.width;
+        match self.ring.get(point as usize) {
+            Some(&vertex) => &field.vertices[vertex as usize * width..][..width],
+            None => {
+                let own = self.own as usize + point as usize - self.ring.len();
+                &field.own[own * width..][..width]
+            }
+        }
+    }
+}
