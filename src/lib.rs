@@ -1,9 +1,10 @@
 //! relievo: a production renderer for subdivision surfaces, Ptex and deep displacement, on Embree and OpenImageIO.
 //!
 //! A picture's way through the crate, one module a stage: [`scene`] reads a file into a plain
-//! [`scene::Description`]; [`mesh`] is the control mesh or NURBS patch in it, [`nurbs`] the surface
-//! that a patch stands for; [`trace`] hands its surfaces to Embree, where an
-//! [`accel::Intersector`] may stand for a surface; [`shade`] knows camera, lights and materials; [`integrate`]
+//! [`scene::Description`]; [`mesh`] is the control mesh or NURBS patch in it; [`subdiv`] and [`nurbs`] know the limit
+//! surfaces that these stand for; [`surface`] displaces limit surfaces, bounds and dices them; [`accel`] holds ways of
+//! our own to meet rays with them; [`trace`] hands surfaces to Embree, where an [`accel::Intersector`] may stand for
+//! one; [`shade`] knows camera, lights and materials; [`integrate`]
 //! computes the radiance along a ray; [`film`] gathers samples into pixels; [`image`] reads textures and
 //! writes pictures; [`render`] runs these stages in this order.
 #![deny(unsafe_code)]
@@ -21,6 +22,7 @@ pub mod scene;
 pub mod shade;
 pub mod stats;
 pub mod subdiv;
+pub mod surface;
 pub mod trace;
 pub mod world;
 

@@ -23,7 +23,11 @@ const LAYERS: [(&str, &[&str]); 18] = [
         &["error", "stats", "math", "mesh", "image", "subdiv", "nurbs"],
     ),
     ("accel", &["error", "stats", "math", "surface"]),
-    ("trace", &["error", "stats", "math", "mesh", "accel"]),
+    // Of surfaces it takes diced ones, to hand their micro-vertices to Embree.
+    (
+        "trace",
+        &["error", "stats", "math", "mesh", "surface", "accel"],
+    ),
     (
         "shade",
         &[

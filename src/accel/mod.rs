@@ -1,6 +1,13 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
+mod tessellated;
+#[cfg(test)]
+pub(crate) mod tests;
+mod triangle;
+
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
+
+pub use tessellated::Tessellated;
 
 /// A way to meet rays with one displaced surface. Shared by all render threads.
 pub trait Intersector: Send + Sync {
@@ -27,7 +34,7 @@ pub trait Intersector: Send + Sync {
 pub struct Hit {
     /// Ray parameter.
     pub t: f32,
-    /// The face: for subdivision surfaces the control mesh's face, for others the method's own count.
+    /// The face, as the surface's base counts them: the Ptex face of a subdivision surface.
     pub face: u32,
     /// Parameters on the face, 0..1 each.
     pub uv: Vec2,

@@ -4,6 +4,8 @@
 //! fine textures only need more samples. An 8-bit image keeps its bytes (a quarter of the floats' memory), which a
 //! table of 256 entries decodes texel by texel, so that colours are linear before they are filtered.
 
+mod slope;
+
 use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
 use std::fs;
@@ -219,16 +221,23 @@ impl Texture {
 
 impl Wrap {
     /// The texels left and right of coordinate `s` in a row of `size`, and the second one's weight. `None`: black.
+    #[inline]
     fn neighbours(self, s: f32, size: u32) -> ([Option<u32>; 2], f32) {
         // Bring `s` near 0..1, where floats are fine enough.
         let s = match self {
             Self::Black => s.clamp(-1.0, 2.0),
             Self::Clamp => s.clamp(0.0, 1.0),
+            Self::Repeat | Self::Mirror if (0.0..1.0).contains(&s) => s,
             Self::Repeat => s - s.floor(),
             Self::Mirror => s - 2.0 * (0.5 * s).floor(),
         };
         // Texel i covers i..i + 1 and has its value in the middle.
         let x = s * size as f32 - 0.5;
+        // Nearly always both are within, and cutting off is quicker than the floor.
+        let cut = x as u32;
+        if x >= 0.0 && cut < size - 1 {
+            return ([Some(cut), Some(cut + 1)], x - cut as f32);
+        }
         let left = x.floor();
         let (size, first) = (i64::from(size), left as i64);
         let place = |i: i64| {

@@ -7,6 +7,8 @@
 //! (scale and shear) linearly: a camera on a turning crane stays rigid, which it would not if its matrices
 //! were mixed.
 
+mod view;
+
 use crate::error::{Fault, Result};
 use crate::math::{DAffine3, DMat4, DVec3, Ray, Vec2, Vec3};
 use crate::scene::{self, AspectRatioConform, Projection};

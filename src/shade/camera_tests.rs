@@ -212,3 +212,32 @@ fn nonsense_is_a_fault_that_names_the_prim() {
         }
     }
 }
+
+/// A sphere that a ray of the picture meets is not outside; one far to the side or behind is, the further the more.
+#[test]
+fn what_is_outside_of_the_picture() {
+    use crate::surface::View;
+    for projection in [Projection::Perspective, Projection::Orthographic] {
+        let mut description = camera();
+        description.projection = projection;
+        description.aperture_offset = Vec2::new(3.0, -2.0);
+        description.world_from_camera = vec![DAffine3::from_rotation_translation(
+            DQuat::from_rotation_y(0.7),
+            DVec3::new(1.0, 2.0, 3.0),
+        )];
+        let camera = Camera::new(&description, options()).expect("a good camera");
+        for i in 0..100 {
+            let film = Vec2::new((i % 10) as f32 * 30.0, (i / 10) as f32 * 20.0);
+            let p = camera.ray(film, MIDDLE, 0.0).at(7.0 + i as f32);
+            assert!(camera.outside(p, 0.01) < 1e-3, "{film}");
+        }
+        let to_world = camera.world_from_camera(0.0);
+        let at = |x: f64, z: f64| to_world.transform_point3(DVec3::new(x, 0.0, z)).as_vec3();
+        let outside = [20.0, 40.0].map(|x| camera.outside(at(x, -10.0), 1.0));
+        assert!(0.0 < outside[0] && outside[0] < outside[1], "{outside:?}");
+        assert_eq!(camera.outside(at(20.0, -10.0), 30.0), 0.0);
+        if projection == Projection::Perspective {
+            assert!(camera.outside(at(0.0, 10.0), 1.0) > outside[1]);
+        }
+    }
+}

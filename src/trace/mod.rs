@@ -1,13 +1,15 @@
 //! Embree behind a safe face: devices, geometries, scenes, and single rays through them.
 //!
-//! This module and the `-sys` crates hold all unsafe code. It knows control meshes and the
-//! [`Intersector`](crate::accel::Intersector) trait; materials, lights and files it does not know.
+//! This module and the `-sys` crates hold all unsafe code. It knows control meshes,
+//! [`Diced`](crate::surface::Diced) surfaces and the [`Intersector`](crate::accel::Intersector) trait; materials, lights
+//! and files it does not know.
 //!
 //! A [`Device`] makes [`Geometry`]s, a [`SceneBuilder`] takes them and commits to a [`Scene`], which then
 //! answers rays from any number of threads.
 
 mod control;
 mod device;
+mod diced;
 mod geometry;
 mod panics;
 mod scene;
@@ -17,6 +19,7 @@ mod tests;
 mod user_geometry;
 
 pub use device::{Device, DeviceOptions};
+pub use diced::{diced_grid_uv, diced_triangle_uv};
 pub use geometry::{Geometry, Grid, SurfacePoint};
 pub use scene::{Scene, SceneBuilder, SceneHit, SceneOptions};
 pub use subdivision::{

@@ -1,26 +1,11 @@
 //! How finely Embree dices an edge: by its length on the screen, the same from both of its faces.
 
-use crate::math::{Affine3A, Bounds3, Vec3};
+use crate::math::{Affine3A, Bounds3};
 use crate::mesh::ControlMesh;
 use crate::shade::camera::Camera;
+use crate::surface::Places;
 
-/// What the dicing rates aim at.
-#[derive(Debug, Clone, Copy)]
-pub struct Dicing {
-    /// Length of a micro-edge in pixels, above 0. Seen from the camera, also for what lies outside the picture.
-    pub rate: f32,
-    /// The most segments an edge is cut into.
-    pub max_segments: u32,
-}
-
-impl Default for Dicing {
-    fn default() -> Self {
-        Self {
-            rate: 1.0,
-            max_segments: 128,
-        }
-    }
-}
+pub use crate::surface::Dicing;
 
 /// Micro-triangles that a subdivision surface of `mesh` is diced into: what its memory grows with.
 pub(super) fn micro_triangles(
@@ -44,48 +29,11 @@ pub(super) fn micro_triangles(
     faces.sum()
 }
 
-impl Dicing {
-    /// Segments for an edge of this many pixels: a whole number from 1.
-    pub(super) fn segments(&self, pixels: f32) -> f32 {
-        (pixels / self.rate)
-            .ceil()
-            .clamp(1.0, self.max_segments as f32)
-    }
-}
-
-/// The places of a shape that decide how finely it is diced, as the camera sees them.
-pub(super) struct View<'a> {
-    places: Vec<(f32, &'a Affine3A)>,
-    camera: &'a Camera,
-}
-
-/// Places of one shape that are looked at one by one.
-const MOST_PLACES: usize = 16;
-
-impl<'a> View<'a> {
-    /// Of a shape within `bounds`. Many instances: only the nearest decide, and there are never many nearest ones.
-    pub(super) fn new(bounds: &Bounds3, places: &'a [Affine3A], camera: &'a Camera) -> Self {
-        let nearest = |bounds: &Bounds3| camera.position().clamp(bounds.min, bounds.max);
-        let mut places: Vec<(f32, &Affine3A)> = places
-            .iter()
-            .map(|p| (camera.pixels_per_unit(nearest(&bounds.transformed(p))), p))
-            .collect();
-        places.sort_by(|a, b| b.0.total_cmp(&a.0));
-        places.truncate(MOST_PLACES);
-        Self { places, camera }
-    }
-
-    /// Length of the straight line from `a` to `b` in pixels, where it is longest.
-    pub(super) fn pixels(&self, a: Vec3, b: Vec3) -> f32 {
-        self.places
-            .iter()
-            .map(|(_, place)| {
-                let (a, b) = (place.transform_point3(a), place.transform_point3(b));
-                let end = |p| self.camera.pixels_per_unit(p);
-                a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
-            })
-            .fold(0.0, f32::max)
-    }
+/// Segments for an edge of this many pixels: a whole number from 1.
+pub(super) fn segments(dicing: &Dicing, pixels: f32) -> f32 {
+    (pixels / dicing.rate)
+        .ceil()
+        .clamp(1.0, dicing.max_segments as f32)
 }
 
 /// Segments for each half-edge of `mesh` (for the edge from a corner to the face's next one), enough for each of
@@ -97,7 +45,8 @@ pub(super) fn rates(
     dicing: &Dicing,
 ) -> Vec<f32> {
     let points = &mesh.points[0];
-    let view = View::new(&Bounds3::of(points.iter().copied()), places, camera);
+    let bounds = Bounds3::of(points.iter().copied());
+    let places = Places::nearest(camera, &bounds, places);
     let mut rates = vec![1.0; mesh.face_vertex_indices.len()];
     for range in mesh.faces() {
         let corners = &mesh.face_vertex_indices[range.clone()];
@@ -105,7 +54,7 @@ pub(super) fn rates(
             let b = corners[(i + 1) % corners.len()];
             // The same arithmetic from either side of the edge: ends in the order of their numbers.
             let (a, b) = (points[a.min(b) as usize], points[a.max(b) as usize]);
-            rates[range.start + i] = dicing.segments(view.pixels(a, b));
+            rates[range.start + i] = segments(dicing, places.pixels(a, b));
         }
     }
     rates
@@ -114,7 +63,7 @@ pub(super) fn rates(
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::math::DAffine3;
+    use crate::math::{DAffine3, Vec3};
     use crate::scene::{self, Projection};
     use crate::shade::camera::CameraOptions;
 

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::dicing::{Dicing, View};
+use super::dicing::{self, Dicing};
 use crate::error::{Fault, Warnings};
 use crate::math::{Affine3A, Vec3};
 use crate::mesh::{
@@ -19,6 +19,7 @@ use crate::mesh::{
 };
 use crate::nurbs::{BezierFaces, NurbsSurface, Region, Trim};
 use crate::shade::camera::Camera;
+use crate::surface::Places;
 
 /// A patch as polygons.
 pub(super) struct Diced {
@@ -98,8 +99,8 @@ fn all_segments(
     camera: &Camera,
     dicing: &Dicing,
 ) -> [Vec<usize>; 2] {
-    let view = View::new(&patch.bounds(), places, camera);
-    let mut segments = [0, 1].map(|axis| segments(faces, axis, &view, dicing));
+    let places = Places::nearest(camera, &patch.bounds(), places);
+    let mut segments = [0, 1].map(|axis| segments(faces, axis, &places, dicing));
     let [u, v] = [0, 1].map(|axis| segments[axis].iter().sum::<usize>() as f64);
     if u * v > MOST_CELLS {
         let coarser = (MOST_CELLS / (u * v)).sqrt();
@@ -135,7 +136,7 @@ fn notice(
 }
 
 /// Cells for each piece along an axis: by the longest row of Bezier points, which is no shorter than the surface.
-fn segments(faces: &BezierFaces, axis: usize, view: &View<'_>, dicing: &Dicing) -> Vec<usize> {
+fn segments(faces: &BezierFaces, axis: usize, places: &Places<'_>, dicing: &Dicing) -> Vec<usize> {
     let pieces = faces.pieces();
     let orders = faces.orders();
     let longest = |face: usize| {
@@ -147,7 +148,7 @@ fn segments(faces: &BezierFaces, axis: usize, view: &View<'_>, dicing: &Dicing) 
         (0..orders[1 - axis])
             .map(|row| {
                 (1..orders[axis])
-                    .map(|k| view.pixels(at(k - 1, row), at(k, row)))
+                    .map(|k| places.pixels(at(k - 1, row), at(k, row)))
                     .sum::<f32>()
             })
             .fold(0.0, f32::max)
@@ -159,7 +160,7 @@ fn segments(faces: &BezierFaces, axis: usize, view: &View<'_>, dicing: &Dicing) 
     let mut out = vec![1; pieces[axis]];
     for (face, pixels) in lengths.into_iter().enumerate() {
         let piece = [face % pieces[0], face / pieces[0]][axis];
-        out[piece] = out[piece].max(dicing.segments(pixels) as usize);
+        out[piece] = out[piece].max(dicing::segments(dicing, pixels) as usize);
     }
     out
 }

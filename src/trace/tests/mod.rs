@@ -1,5 +1,6 @@
 //! Against Embree itself: what is known in closed form, and what must not bring the process down.
 
+mod diced;
 mod subdivided;
 mod traced;
 

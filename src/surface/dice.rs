@@ -1,0 +1,309 @@
+//! Dicing: a surface cut into grids of micro-vertices without cracks.
+//!
+//! Each face that is not a hole becomes one grid, as fine along u as its finest edge in that direction, and likewise
+//! along v. Vertices on a border whose edge has fewer segments than the grid are snapped onto the edge's own shared
+//! samples: border vertex x of n goes to sample floor((2 x + 1) c / (2 n)) of the edge's c segments (Benthin, Woop,
+//! Nießner, Selgrad, Wald, "Efficient Ray Tracing of Subdivision Surfaces using Tessellation Caching", 2015). Both
+//! faces thus show the same polyline of the same bits along their edge, and some triangles there have two corners in
+//! one place. Unlike the paper both take the samples from one owner instead of evaluating them alike.
+//!
+//! ```text
+//!   c --- d      A cell of a grid is two triangles: 0 is (a, b, c), 1 is (d, c, b).
+//!   | 1 / |      Corner a is the one of least u and v; u grows to b, v to c.
+//!   | / 0 |
+//!   a --- b
+//! ```
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::base::{UvRect, edge_uv};
+use super::evaluate::Surface;
+use super::rates::Rates;
+use super::shared::{Scratch, SharedSamples, split};
+use crate::math::{Vec2, Vec3};
+
+/// A face's part of a [`Diced`] surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FaceGrid {
+    /// The face of the base.
+    pub face: u32,
+    /// Cells along u and v, at least 1.
+    pub size: [u16; 2],
+    /// The segments of its four edges, each at most those of the grid beside it.
+    pub segments: [u16; 4],
+    /// The first of its vertices, which follow one another row by row, u running faster.
+    pub first_vertex: u64,
+    /// The first of its triangles: cell by cell, row by row, two a cell.
+    pub first_triangle: u64,
+}
+
+/// A surface cut into micro-triangles.
+#[derive(Debug, Clone)]
+pub struct Diced {
+    /// By motion key, evenly over the shutter.
+    positions: Arc<Vec<Vec<Vec3>>>,
+    grids: Vec<FaceGrid>,
+    left_handed: bool,
+}
+
+impl FaceGrid {
+    /// The grid of a face that is not a hole, as the first one of a surface.
+    pub fn new(surface: &Surface, rates: &Rates, face: u32) -> Self {
+        let edge = |k: u32| rates.edge(surface.base().edge(face, k).edge) as u16;
+        Self {
+            face,
+            size: rates.face(face).map(|n| n as u16),
+            segments: [0, 1, 2, 3].map(edge),
+            first_vertex: 0,
+            first_triangle: 0,
+        }
+    }
+
+    /// Vertices along u and v.
+    pub fn vertices(&self) -> [u64; 2] {
+        self.size.map(|n| u64::from(n) + 1)
+    }
+
+    /// The number of the vertex in column `i` of row `j`.
+    pub fn vertex(&self, i: u16, j: u16) -> u64 {
+        self.first_vertex + u64::from(j) * self.vertices()[0] + u64::from(i)
+    }
+
+    /// The face's parameters of the vertex in column `i` of row `j`, where it was snapped to.
+    pub fn vertex_uv(&self, i: u16, j: u16) -> Vec2 {
+        let [nu, nv] = self.size;
+        let along = |k: u32, x: u16, n: u16| {
+            let segments = self.segments[k as usize];
+            edge_uv(k, f32::from(snapped(x, n, segments)) / f32::from(segments))
+        };
+        match (i, j) {
+            (i, 0) => along(0, i, nu),
+            (i, j) if j == nv => along(2, nu - i, nu),
+            (0, j) => along(3, nv - j, nv),
+            (i, j) if i == nu => along(1, j, nv),
+            (i, j) => Vec2::new(f32::from(i) / f32::from(nu), f32::from(j) / f32::from(nv)),
+        }
+    }
+
+    /// Column and row of the three corners of the grid's triangle `triangle`, counted within the grid. They run
+    /// counterclockwise in the face's parameters.
+    pub fn corners(&self, triangle: u64) -> [(u16, u16); 3] {
+        let cell = triangle / 2;
+        let (i, j) = (
+            (cell % u64::from(self.size[0])) as u16,
+            (cell / u64::from(self.size[0])) as u16,
+        );
+        let [a, b, c, d] = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
+        if triangle.is_multiple_of(2) {
+            [a, b, c]
+        } else {
+            [d, c, b]
+        }
+    }
+
+    /// How many triangles it has.
+    pub fn triangles(&self) -> u64 {
+        2 * u64::from(self.size[0]) * u64::from(self.size[1])
+    }
+}
+
+/// Where border vertex `x` of `n` goes on an edge of `c` segments, `c <= n`: monotone, 0 to 0 and `n` to `c`.
+fn snapped(x: u16, n: u16, c: u16) -> u16 {
+    let (x, n, c) = (u32::from(x), u32::from(n), u32::from(c));
+    ((2 * x + 1) * c / (2 * n)) as u16
+}
+
+impl Diced {
+    /// Dices all faces, on all threads. The bytes are the same for any number of threads.
+    pub fn new(surface: &Surface, rates: &Rates) -> Self {
+        let base = surface.base();
+        let mut grids = Vec::new();
+        let mut starts = vec![0];
+        let (mut first_vertex, mut first_triangle) = (0, 0);
+        for face in (0..base.faces()).filter(|&face| !base.is_hole(face)) {
+            let grid = FaceGrid {
+                first_vertex,
+                first_triangle,
+                ..FaceGrid::new(surface, rates, face)
+            };
+            let [columns, rows] = grid.vertices();
+            first_vertex += columns * rows;
+            first_triangle += grid.triangles();
+            starts.push(first_vertex as usize);
+            grids.push(grid);
+        }
+        let positions = (0..base.keys())
+            .map(|key| {
+                let shared = SharedSamples::new(surface, rates, key);
+                let mut positions = vec![Vec3::ZERO; first_vertex as usize];
+                let faces: Vec<_> = grids.iter().zip(split(&mut positions, &starts)).collect();
+                faces.into_par_iter().with_min_len(4).for_each_init(
+                    Scratch::default,
+                    |scratch, (grid, out)| {
+                        surface.dice_face(grid, key, &shared, scratch, out);
+                    },
+                );
+                positions
+            })
+            .collect();
+        Self {
+            positions: Arc::new(positions),
+            grids,
+            left_handed: base.left_handed(),
+        }
+    }
+
+    /// The micro-vertices at each motion key. A vertex on an edge is there once for each of its faces, with one value.
+    pub fn positions(&self) -> &Arc<Vec<Vec<Vec3>>> {
+        &self.positions
+    }
+
+    /// The grids, in the order of their faces.
+    pub fn grids(&self) -> &[FaceGrid] {
+        &self.grids
+    }
+
+    /// Whether the triangles run clockwise seen from the front.
+    pub fn left_handed(&self) -> bool {
+        self.left_handed
+    }
+
+    /// How many micro-triangles there are, those without area included.
+    pub fn triangles(&self) -> u64 {
+        self.grids
+            .last()
+            .map_or(0, |grid| grid.first_triangle + grid.triangles())
+    }
+
+    /// The grid that holds a triangle, and the triangle's number in it.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn locate(&self, triangle: u64) -> (&FaceGrid, u64) {
+        let next = self
+            .grids
+            .partition_point(|grid| grid.first_triangle <= triangle);
+        let grid = &self.grids[next - 1];
+        (grid, triangle - grid.first_triangle)
+    }
+
+    /// The numbers of a triangle's vertices.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn corners(&self, triangle: u64) -> [u64; 3] {
+        let (grid, within) = self.locate(triangle);
+        grid.corners(within).map(|(i, j)| grid.vertex(i, j))
+    }
+
+    /// The face and the parameters on it of the point of a triangle with barycentric weights `u` of its second and `v`
+    /// of its third corner.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn face_uv(&self, triangle: u64, uv: Vec2) -> (u32, Vec2) {
+        let (grid, within) = self.locate(triangle);
+        (grid.face, grid.triangle_uv(within, uv))
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        let positions: usize = self
+            .positions
+            .iter()
+            .map(|p| size_of_val(p.as_slice()))
+            .sum();
+        positions + size_of_val(self.grids.as_slice())
+    }
+}
+
+impl FaceGrid {
+    /// The face's parameters of a point of the grid's triangle `triangle`, by its barycentric weights.
+    pub fn triangle_uv(&self, triangle: u64, uv: Vec2) -> Vec2 {
+        let [a, b, c] = self.corners(triangle).map(|(i, j)| self.vertex_uv(i, j));
+        ((1.0 - uv.x - uv.y) * a + uv.x * b + uv.y * c).clamp(Vec2::ZERO, Vec2::ONE)
+    }
+
+    /// The face's parameters of the point whose parameters over the whole grid, as if nothing were snapped, are `uv`.
+    pub fn grid_uv(&self, uv: Vec2) -> Vec2 {
+        let size = Vec2::new(f32::from(self.size[0]), f32::from(self.size[1]));
+        let at = uv.clamp(Vec2::ZERO, Vec2::ONE) * size;
+        let cell = at.floor().min(size - 1.0);
+        let within = at - cell;
+        let first = 2 * (cell.y as u64 * u64::from(self.size[0]) + cell.x as u64);
+        if within.x + within.y <= 1.0 {
+            self.triangle_uv(first, within)
+        } else {
+            self.triangle_uv(first + 1, 1.0 - within)
+        }
+    }
+}
+
+impl Surface {
+    /// Dices one face into `out`, which has room for the grid's vertices, row by row. The rates behind `shared` are
+    /// those that gave the grid its size.
+    ///
+    /// # Panics
+    /// If `out` has not as many vertices as the grid.
+    pub fn dice_face(
+        &self,
+        grid: &FaceGrid,
+        key: u32,
+        shared: &SharedSamples,
+        scratch: &mut Scratch,
+        out: &mut [Vec3],
+    ) {
+        let [nu, nv] = grid.size;
+        let stride = usize::from(nu) + 1;
+        assert_eq!(out.len(), stride * (usize::from(nv) + 1), "{grid:?}");
+
+        // Within the face.
+        let inner = |params: &mut Vec<f32>, n: u16| {
+            params.clear();
+            params.extend((1..n).map(|i| f32::from(i) / f32::from(n)));
+        };
+        inner(&mut scratch.us, nu);
+        inner(&mut scratch.vs, nv);
+        self.displaced_grid(grid.face, key, scratch, stride, &mut out[stride + 1..]);
+
+        // Along its edges, each from its first corner to the one before its last.
+        let last_row = stride * usize::from(nv);
+        let right = usize::from(nu);
+        for k in 0..4_u32 {
+            let used = self.base().edge(grid.face, k);
+            let samples = shared.edge(used.edge);
+            let [from, to] =
+                [k, (k + 1) % 4].map(|k| shared.vertex(self.base().vertex(grid.face, k)));
+            let n = if k % 2 == 0 { nu } else { nv };
+            let segments = grid.segments[k as usize];
+            for x in 0..n {
+                let sample = snapped(x, n, segments);
+                let point = if sample == 0 {
+                    from
+                } else if sample == segments {
+                    to
+                } else if used.reversed {
+                    samples[usize::from(segments - sample - 1)]
+                } else {
+                    samples[usize::from(sample - 1)]
+                };
+                let x = usize::from(x);
+                let place = match k {
+                    0 => x,
+                    1 => right + stride * x,
+                    2 => last_row + right - x,
+                    _ => last_row - stride * x,
+                };
+                out[place] = point;
+            }
+        }
+        debug_assert!(
+            self.bounds(grid.face, &UvRect::UNIT, key)
+                .is_none_or(|bounds| out.iter().all(|&p| bounds.including(p) == bounds)),
+            "face {} leaves its bounds",
+            grid.face
+        );
+    }
+}

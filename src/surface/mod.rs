@@ -1,0 +1,32 @@
+//! The displaced surface: limit surface plus displacement, with normals, certified bounds and dicing.
+//!
+//! [`Base`] is what is asked of a limit surface, whoever computes it; a [`Surface`] adds a [`Displacement`] to it.
+//! [`Rates`] say how finely edges are cut, and a [`Diced`] surface holds the micro-vertices: where two faces meet,
+//! both have the very same ones, bit for bit. Nothing here reads a file, and nothing fails on a valid mesh.
+
+mod adjacency;
+mod base;
+mod bicubic;
+mod bounds;
+mod dice;
+mod displace;
+mod evaluate;
+mod image_map;
+mod pyramid;
+mod rates;
+mod shared;
+#[cfg(test)]
+pub(crate) mod tests;
+
+pub use base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, UvRect, edge_uv};
+pub use bicubic::Bicubic;
+pub use dice::{Diced, FaceGrid};
+pub use displace::{
+    Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,
+    Space,
+};
+pub use evaluate::{DisplacedPoint, Faults, Surface};
+pub use image_map::{Channels, ImageMap};
+pub use pyramid::Pyramid;
+pub use rates::{Dicing, MOST_SEGMENTS, Places, Rates, View};
+pub use shared::{Scratch, SharedSamples};

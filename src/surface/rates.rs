@@ -1,0 +1,309 @@
+//! Dicing rates: into how many segments each edge is cut, and how fine the grid within each face is.
+//!
+//! After Reyes (Cook, Carpenter, Catmull, "The Reyes Image Rendering Architecture", 1987, section 2.4): micro-edges of
+//! a given length in pixels. Unlike there the length is measured on the displaced surface, and seen squarely rather
+//! than foreshortened, so that silhouettes and what mirrors show are as fine as the rest. An edge is measured once,
+//! on the points that its faces share; a face may be finer than its edges where its middle lines are longer.
+
+use rayon::prelude::*;
+
+use super::adjacency::Side;
+use super::base::UvRect;
+use super::evaluate::Surface;
+use super::shared::Scratch;
+use crate::math::{Affine3A, Bounds3, Vec3};
+
+/// The most segments that an edge is cut into.
+pub const MOST_SEGMENTS: u32 = 4096;
+
+/// What the dicing rates aim at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Dicing {
+    /// Length of a micro-edge in pixels, above 0.
+    pub rate: f32,
+    /// The most segments an edge is cut into, 1 to [`MOST_SEGMENTS`].
+    pub max_segments: u32,
+    /// How fast micro-edges grow beyond the picture: their length at a distance of one picture's width from it is this
+    /// much more, as a factor; 0 for the same rate all around. At least 0. Embree's own subdivision ignores it.
+    pub off_screen: f32,
+}
+
+impl Default for Dicing {
+    fn default() -> Self {
+        Self {
+            rate: 1.0,
+            max_segments: 128,
+            off_screen: 1.0,
+        }
+    }
+}
+
+/// What dicing asks of a camera.
+pub trait View: Sync {
+    /// Where it is, world space.
+    fn position(&self) -> Vec3;
+    /// Pixels that a scene unit at `p` covers at most, looked at squarely. Finite and above 0.
+    fn pixels_per_unit(&self, p: Vec3) -> f32;
+    /// How far a sphere lies outside of the picture, in widths of the picture; 0 where a part of it may be seen.
+    fn outside(&self, centre: Vec3, radius: f32) -> f32;
+}
+
+/// The places in which a surface stands before a camera. All of them share one dicing, fine enough for each.
+pub struct Places<'a> {
+    view: &'a dyn View,
+    world_from_object: Vec<Affine3A>,
+}
+
+/// Places that are looked at one by one: of many instances only the nearest decide.
+const MOST_PLACES: usize = 16;
+
+impl<'a> Places<'a> {
+    /// The places that decide, for a surface within `bounds`. For a moving one, name its places at all motion keys.
+    pub fn nearest(view: &'a dyn View, bounds: &Bounds3, world_from_object: &[Affine3A]) -> Self {
+        let mut places: Vec<(f32, &Affine3A)> = world_from_object
+            .iter()
+            .map(|place| {
+                let bounds = bounds.transformed(place);
+                let nearest = view.position().clamp(bounds.min, bounds.max);
+                (view.pixels_per_unit(nearest), place)
+            })
+            .collect();
+        places.sort_by(|a, b| b.0.total_cmp(&a.0));
+        places.truncate(MOST_PLACES);
+        Self {
+            view,
+            world_from_object: places.into_iter().map(|(_, place)| *place).collect(),
+        }
+    }
+
+    /// The length in pixels of the segment between two points of the surface, where it is longest.
+    pub fn pixels(&self, a: Vec3, b: Vec3) -> f32 {
+        self.world_from_object
+            .iter()
+            .map(|place| {
+                let (a, b) = (place.transform_point3(a), place.transform_point3(b));
+                let end = |p| self.view.pixels_per_unit(p);
+                a.distance(b) * end(a).max(end(b)).max(end(0.5 * (a + b)))
+            })
+            .fold(0.0, f32::max)
+    }
+
+    /// How far a box of the surface lies outside of the picture, where it is nearest to it.
+    fn outside(&self, bounds: &Bounds3) -> f32 {
+        self.world_from_object
+            .iter()
+            .map(|place| {
+                let bounds = bounds.transformed(place);
+                self.view
+                    .outside(bounds.centre(), 0.5 * bounds.extent().length())
+            })
+            .fold(f32::INFINITY, f32::min)
+    }
+}
+
+/// Segments of each edge, and of each face along u and v.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rates {
+    edges: Vec<u16>,
+    /// At least those of the face's edges; 0 for holes.
+    faces: Vec<[u16; 2]>,
+}
+
+impl Rates {
+    /// All edges alike.
+    pub fn uniform(surface: &Surface, segments: u32) -> Self {
+        Self::by_edge(surface, |_| segments)
+    }
+
+    /// By the number of the edge; what is beyond 1 and [`MOST_SEGMENTS`] is clamped. Edges that are but a point have
+    /// one segment in any case.
+    pub fn by_edge(surface: &Surface, segments: impl Fn(u32) -> u32 + Sync) -> Self {
+        Self::new(surface, segments, |_| [1; 2])
+    }
+
+    /// By the length of micro-edges on the screen.
+    pub fn on_screen(surface: &Surface, places: &Places<'_>, dicing: &Dicing) -> Self {
+        Measure::new(surface, places, dicing).rates()
+    }
+
+    /// The segments of an edge.
+    pub fn edge(&self, edge: u32) -> u32 {
+        u32::from(self.edges[edge as usize])
+    }
+
+    /// The segments of a face along u and v: those of its grid. 0 for holes.
+    pub fn face(&self, face: u32) -> [u32; 2] {
+        self.faces[face as usize].map(u32::from)
+    }
+
+    /// How many micro-vertices result, those on edges counted by each face.
+    pub fn micro_vertices(&self) -> u64 {
+        self.sizes().map(|[u, v]| (u + 1) * (v + 1)).sum()
+    }
+
+    /// How many micro-triangles result.
+    pub fn micro_triangles(&self) -> u64 {
+        self.sizes().map(|[u, v]| 2 * u * v).sum()
+    }
+
+    fn sizes(&self) -> impl Iterator<Item = [u64; 2]> + '_ {
+        self.faces
+            .iter()
+            .filter(|size| size[0] > 0)
+            .map(|size| size.map(u64::from))
+    }
+
+    fn new(
+        surface: &Surface,
+        segments: impl Fn(u32) -> u32 + Sync,
+        within: impl Fn(u32) -> [u32; 2] + Sync,
+    ) -> Self {
+        let clamped = |segments: u32| segments.clamp(1, MOST_SEGMENTS) as u16;
+        let edges: Vec<u16> = (0..surface.adjacency.edge_count())
+            .into_par_iter()
+            .map(|edge| {
+                let collapsed = surface
+                    .adjacency
+                    .edge(edge)
+                    .any(|side| surface.base().is_collapsed(side.face, side.k));
+                if collapsed {
+                    1
+                } else {
+                    clamped(segments(edge))
+                }
+            })
+            .collect();
+        let faces = (0..surface.base().faces())
+            .into_par_iter()
+            .map(|face| {
+                if surface.base().is_hole(face) {
+                    return [0; 2];
+                }
+                let [u, v] = within(face).map(clamped);
+                let edge = |k: u32| edges[surface.base().edge(face, k).edge as usize];
+                [u.max(edge(0)).max(edge(2)), v.max(edge(1)).max(edge(3))]
+            })
+            .collect();
+        Self { edges, faces }
+    }
+}
+
+/// A surface before a camera.
+struct Measure<'a> {
+    surface: &'a Surface,
+    places: &'a Places<'a>,
+    dicing: &'a Dicing,
+    /// Of each motion key.
+    vertices: Vec<Vec<Vec3>>,
+    /// What lengths of each face are multiplied by; 1 on the screen.
+    factors: Vec<f32>,
+}
+
+impl<'a> Measure<'a> {
+    fn new(surface: &'a Surface, places: &'a Places<'a>, dicing: &'a Dicing) -> Self {
+        let keys = surface.base().keys();
+        let vertices = (0..keys)
+            .map(|key| {
+                (0..surface.adjacency.vertex_count())
+                    .into_par_iter()
+                    .map_init(Scratch::default, |scratch, vertex| {
+                        surface.vertex_point(vertex, key, scratch)
+                    })
+                    .collect()
+            })
+            .collect();
+        let factor = |face: u32| {
+            if dicing.off_screen <= 0.0 || surface.base().is_hole(face) {
+                return 1.0;
+            }
+            // What cannot be bounded may be anywhere.
+            let bounds = (0..keys).try_fold(Bounds3::EMPTY, |all, key| {
+                Some(all.union(surface.bounds(face, &UvRect::UNIT, key)?))
+            });
+            let outside = bounds.map_or(0.0, |bounds| places.outside(&bounds));
+            1.0 / (1.0 + dicing.off_screen * outside)
+        };
+        Self {
+            surface,
+            places,
+            dicing,
+            vertices,
+            factors: (0..surface.base().faces())
+                .into_par_iter()
+                .map(factor)
+                .collect(),
+        }
+    }
+
+    fn rates(&self) -> Rates {
+        Rates::new(self.surface, |edge| self.edge(edge), |face| self.face(face))
+    }
+
+    fn edge(&self, edge: u32) -> u32 {
+        let adjacency = &self.surface.adjacency;
+        let Some(Side { face, k, reversed }) = adjacency.edge(edge).next() else {
+            return 1;
+        };
+        // As fine as the face that is nearest to the picture.
+        let factor = adjacency
+            .edge(edge)
+            .map(|side| self.factors[side.face as usize])
+            .fold(0.0, f32::max);
+        let mut ends = [k, (k + 1) % 4].map(|k| self.surface.base().vertex(face, k) as usize);
+        if reversed {
+            ends.reverse();
+        }
+        let mut scratch = Scratch::default();
+        let mut samples = Vec::new();
+        self.segments(factor, |segments, key| {
+            samples.clear();
+            samples.resize(segments as usize - 1, Vec3::ZERO);
+            self.surface
+                .edge_points(edge, key as u32, &mut scratch, &mut samples);
+            let [first, last] = ends.map(|end| self.vertices[key][end]);
+            let points = std::iter::once(first).chain(samples.iter().copied());
+            self.length(points.chain([last]))
+        })
+    }
+
+    /// Along u and v, on the lines through the middle.
+    fn face(&self, face: u32) -> [u32; 2] {
+        let factor = self.factors[face as usize];
+        let mut scratch = Scratch::default();
+        [true, false].map(|along_u| {
+            self.segments(factor, |segments, key| {
+                let line =
+                    self.surface
+                        .inner_line(face, along_u, segments, key as u32, &mut scratch);
+                self.length(line.iter().copied())
+            })
+        })
+    }
+
+    /// How many segments a line needs whose length in pixels `measure` takes with the given segments and key. It is
+    /// measured anew with more of them until it needs no more than that: displacement makes lines longer the closer
+    /// one looks.
+    fn segments(&self, factor: f32, mut measure: impl FnMut(u32, usize) -> f32) -> u32 {
+        let most = self.dicing.max_segments.clamp(1, MOST_SEGMENTS);
+        let mut segments = 4;
+        loop {
+            let pixels = (0..self.vertices.len())
+                .map(|key| measure(segments, key))
+                .fold(0.0, f32::max);
+            let needed = (factor * pixels / self.dicing.rate)
+                .ceil()
+                .clamp(1.0, most as f32) as u32;
+            if needed <= segments || segments >= most {
+                return needed.max(1);
+            }
+            segments = needed.next_power_of_two().min(most);
+        }
+    }
+
+    fn length(&self, mut points: impl Iterator<Item = Vec3>) -> f32 {
+        let mut from = points.next().unwrap_or(Vec3::ZERO);
+        points
+            .map(|to| self.places.pixels(std::mem::replace(&mut from, to), to))
+            .sum()
+    }
+}
