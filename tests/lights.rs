@@ -457,7 +457,7 @@ fn a_room_at_one_temperature_shows_nothing() {
             let room = cube("Room", 4.0, true, open, attributes);
             let scene = format!("{INSIDE}{}{room}{light}", walls(albedo));
             let scene = write_scene(folder.path(), "room.usda", &scene);
-            let pixels = picture(&scene, 24, bounces);
+            let pixels = picture(&scene, 48, bounces);
             let off = f64::from(mean(&pixels).x / RADIANCE - 1.0);
             println!("{kind}, albedo {albedo}: mean {:+.3} %", 100.0 * off);
             assert!(off.abs() < TOLERANCE, "{kind}, albedo {albedo}: {off}");
