@@ -1,8 +1,10 @@
 //! Uniform refinement: a finer control mesh of the same surface, with everything that the mesh carries.
 
+use rayon::prelude::*;
+
 use super::cage::Cage;
 use super::crease::is_sharp;
-use super::limit::LimitSurface;
+use super::limit::{Field, LimitSurface};
 use super::refine::{split, stencils};
 use super::stencils::Stencils;
 use crate::math::{DVec2, Vec3};
@@ -98,8 +100,8 @@ pub fn refine(mesh: &ControlMesh, levels: u32) -> Refined {
 }
 
 impl Refined {
-    /// Moves the points to the limit surface of the mesh that was refined, at all motion keys. Points that only
-    /// holes use stay.
+    /// Moves the points to the limit surface of the mesh that was refined, at all motion keys, and gives the corners
+    /// its unit normals if nothing moves. Points that only holes use stay.
     pub fn move_to_limit(&mut self, original: &ControlMesh) {
         let surface = LimitSurface::new(original);
         let topology = self.mesh.topology();
@@ -113,14 +115,52 @@ impl Refined {
                 })
             })
             .collect();
-        for (key, points) in self.mesh.points.iter_mut().enumerate() {
-            let field = surface.points::<f64>(original, key);
-            for (point, place) in points.iter_mut().zip(&places) {
-                if let Some((face, uv)) = place {
-                    let limit = surface.evaluate(&field, *face, uv.x, uv.y).position;
-                    *point = Vec3::from(limit.map(|x| x as f32));
-                }
-            }
+        let fields: Vec<Field<f64>> = (0..self.mesh.points.len())
+            .map(|key| surface.points(original, key))
+            .collect();
+        for (points, field) in self.mesh.points.iter_mut().zip(&fields) {
+            points
+                .par_iter_mut()
+                .zip(&places)
+                .with_min_len(256)
+                .for_each(|(point, place)| {
+                    if let Some((face, uv)) = place {
+                        let limit = surface.evaluate(field, *face, uv.x, uv.y).position;
+                        *point = Vec3::from(limit.map(|x| x as f32));
+                    }
+                });
+        }
+        if let [field] = fields.as_slice() {
+            self.mesh.normals = Some(self.normals(&surface, field));
+        }
+    }
+
+    /// Normals at the corners of all faces: at creases the two sides differ.
+    fn normals(&self, surface: &LimitSurface, field: &Field<f64>) -> Primvar {
+        let turned = if self.mesh.left_handed { -1.0 } else { 1.0 };
+        let faces: Vec<_> = self.mesh.faces().collect();
+        let values =
+            faces
+                .par_iter()
+                .enumerate()
+                .with_min_len(64)
+                .flat_map_iter(|(face, corners)| {
+                    (0..corners.len()).flat_map(move |corner| {
+                        let (ptex, uv) = self.place(face as u32, corner);
+                        if surface.is_hole(ptex) {
+                            return [0.0; 3];
+                        }
+                        let point = surface.evaluate(field, ptex, uv.x, uv.y);
+                        let normal = point.normal(uv.x, uv.y).unwrap_or_default();
+                        normal.map(|x| turned * x as f32)
+                    })
+                });
+        Primvar {
+            name: "normals".to_owned(),
+            interpolation: Interpolation::FaceVarying,
+            width: 3,
+            values: values.collect(),
+            indices: None,
         }
     }
 

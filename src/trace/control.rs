@@ -28,7 +28,7 @@ pub(super) enum Slot {
     Attribute(u32, usize),
 }
 
-pub(super) fn check_limits(mesh: &ControlMesh) -> Result<(), Fault> {
+pub(crate) fn check_limits(mesh: &ControlMesh) -> Result<(), Fault> {
     if matches!(mesh.scheme, Scheme::Loop | Scheme::None) {
         return Err(Fault::new(format!(
             "Embree does not subdivide by scheme {:?}",

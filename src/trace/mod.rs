@@ -18,6 +18,7 @@ mod subdivision;
 mod tests;
 mod user_geometry;
 
+pub(crate) use control::check_limits;
 pub use device::{Device, DeviceOptions};
 pub use diced::{diced_grid_uv, diced_triangle_uv};
 pub use geometry::{Geometry, Grid, SurfacePoint};

@@ -2,7 +2,7 @@
 
 use super::build::single;
 use super::dicing::{self, Dicing};
-use super::geometry::loop_levels;
+use super::geometry::{refined_because, refinement_levels};
 use super::patch::Diced;
 use crate::math::Affine3A;
 use crate::mesh::Scheme;
@@ -24,18 +24,17 @@ pub fn micro_triangles(description: &Description, camera: &Camera, dicing: &Dici
                     return Diced::micro_triangles(patch, places, camera, dicing);
                 }
             };
-            match mesh.scheme {
-                Scheme::CatmullClark | Scheme::Bilinear => {
-                    dicing::micro_triangles(mesh, places, camera, dicing)
-                }
-                Scheme::Loop => {
-                    let levels = loop_levels(mesh, places, camera, dicing);
-                    (mesh.face_count() as u64) << (2 * levels)
-                }
-                Scheme::None => {
-                    let corners = mesh.face_vertex_counts.iter();
-                    corners.map(|&n| u64::from(n.saturating_sub(2))).sum()
-                }
+            let triangles: u64 = {
+                let corners = mesh.face_vertex_counts.iter();
+                corners.map(|&n| u64::from(n.saturating_sub(2))).sum()
+            };
+            if mesh.scheme == Scheme::None {
+                triangles
+            } else if refined_because(mesh, false).is_some() {
+                let levels = refinement_levels(mesh, places, camera, dicing);
+                triangles << (2 * levels)
+            } else {
+                dicing::micro_triangles(mesh, places, camera, dicing)
             }
         })
         .sum()

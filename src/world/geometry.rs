@@ -12,7 +12,9 @@ use crate::shade::camera::Camera;
 use crate::shade::material::Material;
 use crate::shade::texture_map::Primvars;
 use crate::subdiv;
-use crate::trace::{Device, Displacement, DisplacementPoint, Geometry, Rates, SubdivisionOptions};
+use crate::trace::{
+    Device, Displacement, DisplacementPoint, Geometry, Rates, SubdivisionOptions, check_limits,
+};
 
 /// `parent_face` has the file's face of each face of `mesh`, where these are not the same.
 #[expect(
@@ -40,42 +42,67 @@ pub(super) fn geometry(
             });
         }
     };
+    if let Some(reason) = refined_because(mesh, displaced.is_some()) {
+        warnings.add(format!("refinement: {reason}"), || {
+            format!("{path}: {reason}; the mesh is refined to polygons on the limit surface")
+        });
+        warn_flat(warnings);
+        let levels = refinement_levels(mesh, places, camera, &options.dicing);
+        let mut refined = subdiv::refine(mesh, levels);
+        refined.move_to_limit(mesh);
+        return polygons(device, &Arc::new(refined.mesh), Some(&refined.parent_face));
+    }
+    if mesh.scheme == Scheme::None {
+        warn_flat(warnings);
+        return polygons(device, mesh, parent_face);
+    }
+    if has_chaikin_creases(mesh) {
+        warnings.add("crease method chaikin", || {
+            format!("{path}: {NO_CHAIKIN}; under displacement, sharpness decays uniformly")
+        });
+    }
+    if has_smooth_triangles(mesh) {
+        warnings.add("triangle rule smooth", || {
+            format!(
+                "{path}: {NO_SMOOTH_TRIANGLES}; under displacement, they are refined like any face"
+            )
+        });
+    }
+    let width = |name: &str| mesh.primvar(name).map_or(0, |p| p.width as usize);
+    let subdivision = SubdivisionOptions {
+        rates: Rates::PerCorner(dicing::rates(mesh, places, camera, &options.dicing)),
+        displacement: displaced.map(|material| displacement(material.clone(), mesh, needs)),
+        primvars: needs.to_vec(),
+    };
+    let geometry = Geometry::subdivision(device, mesh.clone(), subdivision)?;
+    let primvars = needs.iter().map(|n| (n.clone(), width(n))).collect();
+    Ok((geometry, Surface::Subdivision { primvars }))
+}
+
+const NO_CHAIKIN: &str = "Embree knows no Chaikin creasing";
+const NO_SMOOTH_TRIANGLES: &str = "Embree knows no smooth rule for triangles";
+
+fn has_chaikin_creases(mesh: &ControlMesh) -> bool {
+    mesh.crease_method == CreaseMethod::Chaikin && !mesh.creases.is_empty()
+}
+
+fn has_smooth_triangles(mesh: &ControlMesh) -> bool {
+    mesh.triangle_rule == TriangleRule::Smooth && mesh.face_vertex_counts.contains(&3)
+}
+
+/// Why a mesh is refined by ourselves, if it is one that Embree cannot subdivide, or not as it says. Displaced ones
+/// stay with Embree as far as it can hold them.
+pub(super) fn refined_because(mesh: &ControlMesh, displaced: bool) -> Option<String> {
     match mesh.scheme {
-        Scheme::CatmullClark | Scheme::Bilinear => {
-            if mesh.crease_method == CreaseMethod::Chaikin && !mesh.creases.is_empty() {
-                warnings.add("crease method chaikin", || {
-                    format!("{path}: Embree knows no Chaikin creasing; sharpness decays uniformly")
-                });
-            }
-            if mesh.triangle_rule == TriangleRule::Smooth && mesh.face_vertex_counts.contains(&3) {
-                warnings.add("triangle rule smooth", || {
-                    format!("{path}: Embree knows no smooth-triangle rule; triangles are refined like any face")
-                });
-            }
-            let width = |name: &str| mesh.primvar(name).map_or(0, |p| p.width as usize);
-            let subdivision = SubdivisionOptions {
-                rates: Rates::PerCorner(dicing::rates(mesh, places, camera, &options.dicing)),
-                displacement: displaced.map(|material| displacement(material.clone(), mesh, needs)),
-                primvars: needs.to_vec(),
-            };
-            let geometry = Geometry::subdivision(device, mesh.clone(), subdivision)?;
-            let primvars = needs.iter().map(|n| (n.clone(), width(n))).collect();
-            Ok((geometry, Surface::Subdivision { primvars }))
-        }
-        Scheme::Loop => {
-            warnings.add("Loop by refinement", || {
-                format!("{path}: Embree knows no Loop subdivision; the mesh is refined to triangles on the limit surface")
-            });
-            warn_flat(warnings);
-            let levels = loop_levels(mesh, places, camera, &options.dicing);
-            let mut refined = subdiv::refine(mesh, levels);
-            refined.move_to_limit(mesh);
-            polygons(device, &Arc::new(refined.mesh), Some(&refined.parent_face))
-        }
-        Scheme::None => {
-            warn_flat(warnings);
-            polygons(device, mesh, parent_face)
-        }
+        Scheme::None => None,
+        Scheme::Loop => Some("Embree knows no Loop subdivision".to_owned()),
+        Scheme::CatmullClark | Scheme::Bilinear if displaced => None,
+        Scheme::CatmullClark | Scheme::Bilinear => match check_limits(mesh) {
+            Err(fault) => Some(fault.message),
+            Ok(()) if has_chaikin_creases(mesh) => Some(NO_CHAIKIN.to_owned()),
+            Ok(()) if has_smooth_triangles(mesh) => Some(NO_SMOOTH_TRIANGLES.to_owned()),
+            Ok(()) => None,
+        },
     }
 }
 
@@ -97,8 +124,8 @@ fn polygons(
     Ok((geometry, surface))
 }
 
-/// Levels after which the longest edge is no longer than the dicing rate; each makes four triangles of one.
-pub(super) fn loop_levels(
+/// Levels after which the longest edge is no longer than the dicing rate; each makes four faces of one.
+pub(super) fn refinement_levels(
     mesh: &ControlMesh,
     places: &[Affine3A],
     camera: &Camera,
@@ -108,7 +135,7 @@ pub(super) fn loop_levels(
     let longest = dicing::rates(mesh, places, camera, dicing)
         .into_iter()
         .fold(1.0, f32::max);
-    let affordable = (MOST_TRIANGLES / mesh.face_count().max(1) as f64)
+    let affordable = (MOST_TRIANGLES / mesh.face_vertex_indices.len().max(1) as f64)
         .log(4.0)
         .max(1.0);
     (longest.log2().ceil() as u32)

@@ -1,6 +1,6 @@
 //! The classical schemes beside Catmull-Clark and Loop, behind one call: a control mesh in, a finer one out.
 //!
-//! A scheme says what one step makes of faces and points ([`Step`]); what follows from that is the same for all and
+//! A scheme says what one step makes of faces and points (`Step`); what follows from that is the same for all and
 //! stands here. Vertex primvars follow the points. Varying and face-varying ones are linear in the coarser faces, and
 //! face-varying ones keep their seams: at a seam the new faces take their values from one side. Uniform ones go from
 //! parent to child.

@@ -1,6 +1,6 @@
 //! The limit surface of Doo and Sabin's scheme: position and first derivatives anywhere, without refining it all.
 //!
-//! After one step of [`super::doo_sabin`] each point inside has four faces. Its *patch* reaches to their middles, and
+//! After one step of `doo_sabin` each point inside has four faces. Its *patch* reaches to their middles, and
 //! a step divides it into the patches of its four children:
 //!
 //! ```text

@@ -1,6 +1,6 @@
 //! The schemes, one file each.
 //!
-//! Catmull-Clark, Loop and bilinear are masks for [`crate::subdiv::refine`] and [`crate::subdiv::LimitSurface`]. The
+//! Catmull-Clark, Loop and bilinear are masks for [`crate::subdiv::refine()`] and [`crate::subdiv::LimitSurface`]. The
 //! classical ones are behind [`classic::refine`]; curves have [`chaikin`].
 
 pub mod chaikin;
