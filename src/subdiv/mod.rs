@@ -19,6 +19,7 @@ mod plan;
 mod refine;
 mod regular;
 mod ring;
+mod sampled;
 pub mod schemes;
 mod stencils;
 mod step;
@@ -28,4 +29,5 @@ mod uniform;
 
 pub use limit::{Field, Isolated, LimitSurface};
 pub use patch::{LimitPoint, Real};
+pub use sampled::Sample;
 pub use uniform::{Refined, refine};

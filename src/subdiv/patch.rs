@@ -6,6 +6,11 @@ use super::basis;
 use crate::math::DVec3;
 
 /// A floating-point type to store and evaluate in: single for rendering, double for reference.
+///
+/// Single precision costs, over all cages of the reference values and in units of a mesh's size (or of its distance
+/// from the origin, if that is larger): 2e-7 of positions and 2e-5 of derivatives at worst, the latter within 2⁻⁵ of an
+/// extraordinary vertex. On faces a few hundredths of the mesh wide that is 1e-3 of a derivative's length or of a unit
+/// normal.
 pub trait Real:
     Copy + Send + Sync + Default + Add<Output = Self> + Mul<Output = Self> + AddAssign + 'static
 {
