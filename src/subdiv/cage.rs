@@ -82,6 +82,9 @@ impl Cage {
     /// The cage on which a face-varying primvar lives: this one, cut open along the seams. Also the element of the
     /// primvar at each of its vertices.
     ///
+    /// Under Chaikin's rule sharpness decays by the edges that are left at a vertex; OpenSubdiv's decays as on the whole
+    /// mesh. They differ where semi-sharp creases of several sharpnesses reach a seam.
+    ///
     /// Seams are borders. Which points on them are corners is up to `rule`; the words and the cases are OpenSubdiv's.
     pub(super) fn cut(
         &self,

@@ -28,6 +28,6 @@ mod tests;
 mod uniform;
 
 pub use limit::{Field, Isolated, LimitSurface};
-pub use patch::{LimitPoint, Real};
+pub use patch::{FirstOrder, LimitPoint, Real};
 pub use sampled::Sample;
 pub use uniform::{Refined, refine};

@@ -263,13 +263,13 @@ fn vertex_row(cage: &Cage, masks: &dyn Masks, vertex: u32, row: &mut Stencils) {
     let share = if before == after {
         1.0
     } else {
-        f64::from(crease::share_of_old_rule(
+        crease::share_of_old_rule(
             cage.rules.crease_method,
             (sharpness, decayed(sharpness)),
             edges
                 .iter()
                 .map(|&e| (cage.edge_sharpness[e as usize], child(e))),
-        ))
+        )
     };
     let mut add = |rule: Rule, share: f64, ends: &mut dyn Iterator<Item = u32>| match rule {
         Rule::Smooth => masks.smooth_vertex(cage, vertex, share, row),

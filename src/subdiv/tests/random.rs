@@ -76,7 +76,11 @@ pub(super) fn wheel(scheme: Scheme, n: u32) -> ControlMesh {
     for i in 0..n {
         let [a, b, c] = [2 * i, 2 * i + 1, (2 * i + 2) % (2 * n)].map(|k| k + 1);
         let out = 2 * n;
-        let quads = [[0, a, b, c], [a, a + out, b + out, b], [b, b + out, c + out, c]];
+        let quads = [
+            [0, a, b, c],
+            [a, a + out, b + out, b],
+            [b, b + out, c + out, c],
+        ];
         if scheme == Scheme::Loop {
             faces.push(vec![0, a, c]);
             faces.push(vec![a, b, c]);
@@ -91,7 +95,7 @@ pub(super) fn wheel(scheme: Scheme, n: u32) -> ControlMesh {
 }
 
 /// What is done to a mesh, as raw numbers.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub(super) struct Dice {
     base: u8,
     size: [u32; 2],
@@ -100,6 +104,31 @@ pub(super) struct Dice {
     edges: Vec<u8>,
     corners: Vec<u8>,
     rules: [u8; 3],
+}
+
+impl std::fmt::Debug for Dice {
+    /// On one line, and the mesh's faces and tags rather than the numbers themselves.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for scheme in [Scheme::CatmullClark, Scheme::Loop] {
+            let mesh = random(scheme, self);
+            let faces = mesh.faces().map(|r| &mesh.face_vertex_indices[r]);
+            let sharp = |c: &Crease| (c.vertices, c.sharpness);
+            write!(
+                f,
+                "{scheme:?}: faces {:?}, creases {:?}, corners {:?}, holes {:?}, {:?}, {:?}; ",
+                faces.collect::<Vec<_>>(),
+                mesh.creases.iter().map(sharp).collect::<Vec<_>>(),
+                mesh.corners
+                    .iter()
+                    .map(|c| (c.vertex, c.sharpness))
+                    .collect::<Vec<_>>(),
+                mesh.holes,
+                mesh.boundary,
+                mesh.crease_method,
+            )?;
+        }
+        Ok(())
+    }
 }
 
 pub(super) fn dice() -> impl Strategy<Value = Dice> {
@@ -112,15 +141,17 @@ pub(super) fn dice() -> impl Strategy<Value = Dice> {
         proptest::collection::vec(any::<u8>(), 16),
         any::<[u8; 3]>(),
     )
-        .prop_map(|(base, (m, n), faces, shifts, edges, corners, rules)| Dice {
-            base,
-            size: [m, n],
-            faces,
-            shifts,
-            edges,
-            corners,
-            rules,
-        })
+        .prop_map(
+            |(base, (m, n), faces, shifts, edges, corners, rules)| Dice {
+                base,
+                size: [m, n],
+                faces,
+                shifts,
+                edges,
+                corners,
+                rules,
+            },
+        )
 }
 
 /// Sharpnesses to choose from; they have all decayed after four levels.

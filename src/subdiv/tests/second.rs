@@ -239,7 +239,43 @@ impl Level {
         }
     }
 
-    /// The limit at a vertex where no sharpness decays any more; at darts an estimate.
+    /// The limit at a vertex by refining the faces around it alone, again and again: for darts, which have no mask.
+    pub(super) fn limit_by_refinement(&self, v: usize) -> DVec3 {
+        let (mut level, mut v) = self.around(v);
+        for _ in 0..80 {
+            (level, v) = level.refined().around(v);
+        }
+        level.points[v]
+    }
+
+    /// The faces at a vertex, and its number among their vertices.
+    fn around(&self, v: usize) -> (Self, usize) {
+        let mut faces: Vec<Face> = self.faces.clone();
+        faces.retain(|f| f.place(v).is_some());
+        let mut numbers = BTreeMap::new();
+        let mut old = Vec::new();
+        for corner in faces.iter_mut().flat_map(|f| &mut f.corners) {
+            let number = *numbers.entry(corner.vertex).or_insert(old.len());
+            if number == old.len() {
+                old.push(corner.vertex);
+            }
+            corner.vertex = number;
+        }
+        let sharp = self
+            .edge_sharpness
+            .iter()
+            .filter_map(|(e, &s)| Some((edge(*numbers.get(&e.0)?, *numbers.get(&e.1)?), s)));
+        let level = Self {
+            points: old.iter().map(|&o| self.points[o]).collect(),
+            edge_sharpness: sharp.collect(),
+            vertex_sharpness: old.iter().map(|&o| self.vertex_sharpness[o]).collect(),
+            faces,
+            ..*self
+        };
+        (level, numbers[&v])
+    }
+
+    /// The limit at a vertex where no sharpness decays any more and that is no dart.
     pub(super) fn limit(&self, meets: &Neighbours, v: usize) -> DVec3 {
         let own = self.points[v];
         let ring = &meets.0.vertex_edges[v];
@@ -253,12 +289,12 @@ impl Level {
                 let ends = ring.iter().filter(|e| self.sharpness(**e) > 0.0);
                 2.0 / 3.0 * own + ends.map(far).sum::<DVec3>() / 6.0
             }
-            Kind::Smooth | Kind::Dart if self.scheme == Scheme::Loop => {
+            _ if self.scheme == Scheme::Loop => {
                 let n = ring.len() as f64;
                 let weight = 1.0 / (3.0 / (8.0 * loop_beta(ring.len())) + n);
                 (1.0 - n * weight) * own + weight * ring.iter().map(far).sum::<DVec3>()
             }
-            Kind::Smooth | Kind::Dart => {
+            _ => {
                 let n = ring.len() as f64;
                 let across: DVec3 = meets.0.vertex_faces[v]
                     .iter()
@@ -273,10 +309,13 @@ impl Level {
         }
     }
 
-    /// The unit normal in the limit at a smooth vertex.
-    pub(super) fn normal(&self, meets: &Neighbours, v: usize) -> DVec3 {
+    /// The unit normal in the limit at a smooth vertex, if that has three neighbours and more.
+    pub(super) fn normal(&self, meets: &Neighbours, v: usize) -> Option<DVec3> {
         let (edges, across) = self.walk(&meets.0, v);
         let n = edges.len();
+        if n < 3 {
+            return None;
+        }
         let angle = |i: f64| (TAU * i / n as f64).cos();
         let edge_weight = {
             let c = (TAU / n as f64).cos();
@@ -296,7 +335,7 @@ impl Level {
                 })
                 .sum()
         };
-        tangent(0.0).cross(tangent(1.0)).normalize()
+        tangent(0.0).cross(tangent(1.0)).try_normalize()
     }
 
     pub(super) fn kind_of(&self, meets: &Neighbours, v: usize) -> Kind {
@@ -374,7 +413,9 @@ impl Level {
                 .collect();
             if !others.is_empty() {
                 let mean = others.iter().sum::<f64>() / others.len() as f64;
-                return (0.75 * own + 0.25 * mean - 1.0).max(0.0);
+                let left = 0.75 * own + 0.25 * mean - 1.0;
+                // Less is rounding.
+                return if left > 1e-6 { single(left) } else { 0.0 };
             }
         }
         decayed(own)
@@ -515,8 +556,13 @@ fn decayed(sharpness: f64) -> f64 {
     if sharpness >= INFINITE {
         INFINITE
     } else {
-        (sharpness - 1.0).max(0.0)
+        single((sharpness - 1.0).max(0.0))
     }
+}
+
+/// Sharpness is kept in single precision: what is left after some levels must be 0 here where it is 0 there.
+fn single(x: f64) -> f64 {
+    f64::from(x as f32)
 }
 
 fn loop_beta(n: usize) -> f64 {
