@@ -141,11 +141,16 @@ fn torus(scheme: Scheme) -> ControlMesh {
     }
 }
 
+/// Every fourth place each way.
+fn is_chosen(place: u32) -> bool {
+    (place % SIDE).is_multiple_of(4) && (place / SIDE).is_multiple_of(4)
+}
+
 /// Every fourth quad each way has another within it: eight vertices, four of valence 3 and four of 5.
 fn twisted(mut mesh: ControlMesh) -> ControlMesh {
     let mut faces: Vec<u32> = Vec::new();
     for (i, quad) in (0_u32..).zip(mesh.face_vertex_indices.chunks_exact(4)) {
-        if i % SIDE % 4 != 0 || i / SIDE % 4 != 0 {
+        if !is_chosen(i) {
             faces.extend(quad);
             continue;
         }
@@ -154,7 +159,7 @@ fn twisted(mut mesh: ControlMesh) -> ControlMesh {
         let centre = quad.iter().map(|&v| points[v as usize]).sum::<Vec3>() / 4.0;
         points.extend([0, 1, 2, 3].map(|k| points[quad[k] as usize].lerp(centre, 0.5)));
         for k in 0..4 {
-            let (next, k) = ((k + 1) % 4, k as usize);
+            let next = (k + 1) % 4;
             faces.extend([quad[k], quad[next], first + next as u32, first + k as u32]);
         }
         faces.extend([first, first + 1, first + 2, first + 3]);
@@ -167,7 +172,7 @@ fn twisted(mut mesh: ControlMesh) -> ControlMesh {
 /// Every fourth pair of triangles each way has the other diagonal: valences 5 and 7.
 fn turned(mut mesh: ControlMesh) -> ControlMesh {
     for (i, pair) in (0_u32..).zip(mesh.face_vertex_indices.chunks_exact_mut(6)) {
-        if i % SIDE % 4 == 0 && i / SIDE % 4 == 0 {
+        if is_chosen(i) {
             let [a, b, c, d] = [pair[0], pair[1], pair[2], pair[5]];
             pair.copy_from_slice(&[a, b, d, b, c, d]);
         }

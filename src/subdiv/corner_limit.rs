@@ -8,7 +8,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::crease::{Rule, is_semi_sharp, is_sharp};
+use super::crease::{Rule, is_semi_sharp};
 use super::regular::{Span, full_span};
 use super::ring::Ring;
 use super::schemes::loop_scheme::neighbour_weight;

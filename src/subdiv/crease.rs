@@ -36,7 +36,18 @@ pub(super) fn decayed(sharpness: f32) -> f32 {
     if is_infinite(sharpness) {
         Crease::INFINITE
     } else {
-        (sharpness - 1.0).max(0.0)
+        left(f64::from(sharpness) - 1.0)
+    }
+}
+
+/// Less than this is what rounding leaves of 0. Rules change there, and all faces must see it.
+const ROUNDING: f64 = 1e-6;
+
+fn left(sharpness: f64) -> f32 {
+    if sharpness > ROUNDING {
+        sharpness as f32
+    } else {
+        0.0
     }
 }
 
@@ -59,12 +70,8 @@ pub(super) fn child_sharpness(
     }
     let own = f64::from(sharpness);
     let others = (sum - own) / f64::from(count - 1);
-    let left = 0.75 * own + 0.25 * others - 1.0;
-    if left > ROUNDING { left as f32 } else { 0.0 }
+    left(0.75 * own + 0.25 * others - 1.0)
 }
-
-/// What is left of a sharpness that should be 0; rules change there, and all faces must see it.
-const ROUNDING: f64 = 1e-6;
 
 /// The rule of a vertex with this sharpness and number of sharp edges.
 pub(super) fn rule(vertex_sharpness: f32, sharp_edges: usize) -> Rule {

@@ -232,7 +232,7 @@ fn seams(mesh: &ControlMesh, dice: &Dice) -> Vec<u32> {
     let mut cut: Vec<Option<u32>> = vec![None; mesh.point_count()];
     let mut indices = Vec::new();
     for (f, range) in mesh.faces().enumerate() {
-        let apart = dice.faces[(f + 7) % dice.faces.len()] % 4 == 0;
+        let apart = dice.faces[(f + 7) % dice.faces.len()].is_multiple_of(4);
         for corner in range {
             let vertex = mesh.face_vertex_indices[corner] as usize;
             let side = if apart { &mut cut } else { &mut first };
@@ -244,7 +244,7 @@ fn seams(mesh: &ControlMesh, dice: &Dice) -> Vec<u32> {
 
 /// Makes one face of a few pairs of neighbours that share one edge.
 fn merge_some(faces: &mut Vec<Vec<u32>>, rolls: &[u8]) {
-    for &roll in rolls.iter().take(2).filter(|r| **r % 3 == 0) {
+    for &roll in rolls.iter().take(2).filter(|r| r.is_multiple_of(3)) {
         let a = usize::from(roll) % faces.len().max(1);
         let Some(face) = faces.get(a).cloned() else {
             return;
@@ -273,7 +273,7 @@ fn sharpen(mesh: &mut ControlMesh, dice: &Dice) {
     let topology = mesh.topology();
     for edge in 0..topology.edge_count() {
         let roll = dice.edges[edge % dice.edges.len()];
-        if roll % 5 == 0 {
+        if roll.is_multiple_of(5) {
             mesh.creases.push(Crease {
                 vertices: topology.edge_vertices(edge as u32),
                 sharpness: SHARPNESSES[usize::from(roll / 5) % SHARPNESSES.len()],
@@ -281,7 +281,7 @@ fn sharpen(mesh: &mut ControlMesh, dice: &Dice) {
         }
     }
     for (vertex, &roll) in (0_u32..).zip(&dice.corners) {
-        if roll % 12 == 0 && (vertex as usize) < mesh.point_count() {
+        if roll.is_multiple_of(12) && (vertex as usize) < mesh.point_count() {
             mesh.corners.push(Corner {
                 vertex,
                 sharpness: SHARPNESSES[usize::from(roll / 12) % SHARPNESSES.len()],
@@ -289,7 +289,7 @@ fn sharpen(mesh: &mut ControlMesh, dice: &Dice) {
         }
     }
     let faces = mesh.face_count() as u32;
-    if dice.corners[0] % 3 == 0 {
+    if dice.corners[0].is_multiple_of(3) {
         mesh.holes.push(u32::from(dice.corners[1]) % faces);
     }
     mesh.boundary = match dice.rules[0] % 4 {
@@ -297,10 +297,10 @@ fn sharpen(mesh: &mut ControlMesh, dice: &Dice) {
         1 => BoundaryInterpolation::EdgeOnly,
         _ => BoundaryInterpolation::EdgeAndCorner,
     };
-    if dice.rules[1] % 3 == 0 {
+    if dice.rules[1].is_multiple_of(3) {
         mesh.crease_method = CreaseMethod::Chaikin;
     }
-    if dice.rules[1] % 4 == 0 {
+    if dice.rules[1].is_multiple_of(4) {
         mesh.triangle_rule = TriangleRule::Smooth;
     }
 }

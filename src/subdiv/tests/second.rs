@@ -413,9 +413,7 @@ impl Level {
                 .collect();
             if !others.is_empty() {
                 let mean = others.iter().sum::<f64>() / others.len() as f64;
-                let left = 0.75 * own + 0.25 * mean - 1.0;
-                // Less is rounding.
-                return if left > 1e-6 { single(left) } else { 0.0 };
+                return single(0.75 * own + 0.25 * mean - 1.0);
             }
         }
         decayed(own)
@@ -556,13 +554,17 @@ fn decayed(sharpness: f64) -> f64 {
     if sharpness >= INFINITE {
         INFINITE
     } else {
-        single((sharpness - 1.0).max(0.0))
+        single(sharpness - 1.0)
     }
 }
 
-/// Sharpness is kept in single precision: what is left after some levels must be 0 here where it is 0 there.
-fn single(x: f64) -> f64 {
-    f64::from(x as f32)
+/// What is left of a sharpness, in the precision of the library, so that it is 0 here where it is 0 there.
+fn single(left: f64) -> f64 {
+    if left > 1e-6 {
+        f64::from(left as f32)
+    } else {
+        0.0
+    }
 }
 
 fn loop_beta(n: usize) -> f64 {
