@@ -35,16 +35,18 @@ impl Weights {
     };
 }
 
+const SIXTH: f64 = 1.0 / 6.0;
+
 /// The uniform cubic B-splines over their middle segment, with first and second derivatives.
 pub(super) fn cubic(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
     [
         [
-            s2 * s / 6.0,
-            (4.0 - 3.0 * t2 * (1.0 + s)) / 6.0,
-            (4.0 - 3.0 * s2 * (1.0 + t)) / 6.0,
-            t2 * t / 6.0,
+            SIXTH * s2 * s,
+            4.0 * SIXTH - 0.5 * t2 * (1.0 + s),
+            4.0 * SIXTH - 0.5 * s2 * (1.0 + t),
+            SIXTH * t2 * t,
         ],
         [
             -0.5 * s2,

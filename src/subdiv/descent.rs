@@ -69,7 +69,7 @@ impl Found {
     }
 }
 
-/// Halves a strip across its crease until (u, v) lies in a smooth patch, as [`Plan`] does beforehand.
+/// Halves a strip across its crease until (u, v) lies in a smooth patch, as [`Plan`](super::plan::Plan) does beforehand.
 pub(super) fn descend_strip(
     points: &mut [f64],
     width: usize,

@@ -218,12 +218,11 @@ impl LimitSurface {
         if let Part::Split(_) = place.part {
             return self.evaluate(field, face, u, v).into();
         }
+        let (values, _) = field.values.as_chunks::<3>();
         let mut points = [[T::default(); 4]; 16];
         for (out, &point) in points.iter_mut().zip(&place.points[..self.kind.points()]) {
-            let [x, y, z] = place.value(field, point) else {
-                unreachable!("a field of three components");
-            };
-            *out = [*x, *y, *z, T::default()];
+            let [x, y, z] = values[place.index(point)];
+            *out = [x, y, z, T::default()];
         }
         let mut out = patch::first_order(self.kind, &points, place.u, place.v);
         for (d, scale) in [&mut out.du, &mut out.dv].into_iter().zip(place.scale) {
@@ -576,11 +575,16 @@ enum Part {
 }
 
 impl Place<'_> {
-    fn value<'f, T>(&self, field: &'f Field<T>, point: u32) -> &'f [T] {
+    /// The number of a point of the plan in a field.
+    fn index(&self, point: u32) -> usize {
         let index = match self.ring.get(point as usize) {
             Some(&vertex) => vertex,
             None => self.own + (point - self.ring.len() as u32),
         };
-        &field.values[index as usize * field.width..][..field.width]
+        index as usize
+    }
+
+    fn value<'f, T>(&self, field: &'f Field<T>, point: u32) -> &'f [T] {
+        &field.values[self.index(point) * field.width..][..field.width]
     }
 }
