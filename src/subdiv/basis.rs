@@ -38,6 +38,7 @@ impl Weights {
 const SIXTH: f64 = 1.0 / 6.0;
 
 /// The uniform cubic B-splines over their middle segment, with first and second derivatives.
+#[inline]
 pub(super) fn cubic(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
@@ -119,6 +120,7 @@ pub(super) fn box_spline(u: f64, v: f64) -> Weights {
 }
 
 /// Weights of a quartic box spline patch for the position and the first derivatives.
+#[inline]
 pub(super) fn box_spline_first(u: f64, v: f64) -> [[f64; 12]; 3] {
     let cubic = monomials::<3, 10>(u, v);
     [

@@ -445,6 +445,7 @@ impl LimitSurface {
     }
 
     /// The part of the face's plan that (u, v) is in.
+    #[inline]
     fn find(&self, face: u32, u: f64, v: f64) -> Place<'_> {
         let face = self.faces[face as usize];
         assert_ne!(face.plan, HOLE, "evaluation of a hole");

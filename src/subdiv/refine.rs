@@ -182,6 +182,7 @@ pub(super) fn split(cage: &Cage) -> Cage {
         edge_sharpness,
         vertex_sharpness,
         hole,
+        halves: Vec::new(),
     }
 }
 
