@@ -173,11 +173,22 @@ fn corners_are_limits(mesh: &ControlMesh) -> Result<(), TestCaseError> {
             }
         })
         .collect();
-    // Between two neighbours a surface folds. With many faces beside a crease the tangent along it shrinks faster than
-    // others, and what the masks take for the normal is approached by none: Biermann et al. 2000 change the rules for that.
+    // Normals at smooth vertices and darts. Between two neighbours a surface folds; beside creases and corners with many
+    // faces other tangents shrink more slowly than those that the masks take, and what is near approaches another
+    // normal or none: Biermann et al. 2000 change the rules for that.
+    let infinite = |v: u32| {
+        let creases = mesh.creases.iter().filter(|c| c.vertices.contains(&v));
+        creases.filter(|c| c.sharpness >= Crease::INFINITE).count()
+    };
+    let is_corner = |v: u32| mesh.corners.iter().any(|c| c.vertex == v);
     let has_no_plane = |face: u32, corner: usize| {
-        let vertex = vertices[face as usize].get(corner);
-        vertex.is_some_and(|&v| !(3..=6).contains(&topology.vertex_edges(v).len()))
+        vertices[face as usize].get(corner).is_some_and(|&v| {
+            let edges = topology.vertex_edges(v);
+            !(3..=6).contains(&edges.len())
+                || edges.iter().any(|&e| topology.is_border(e))
+                || infinite(v) > 1
+                || is_corner(v)
+        })
     };
     for face in faces(&surface) {
         for (corner, &[u, v]) in corners(&surface).iter().enumerate() {
