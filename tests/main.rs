@@ -15,4 +15,5 @@ mod lights;
 mod manners;
 mod pictures;
 mod smooth;
+mod subdiv_oracle;
 mod usd_oracle;

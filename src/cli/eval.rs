@@ -10,7 +10,7 @@ use relievo::mesh::{
     ControlMesh, CreaseMethod, FaceVaryingInterpolation, Interpolation, Primvar, TriangleRule,
 };
 use relievo::scene::{LoadOptions, obj};
-use relievo::subdiv::{Field, LimitPoint, LimitSurface};
+use relievo::subdiv::{Field, LimitSurface};
 use relievo::{Error, Result};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
@@ -276,36 +276,16 @@ fn evaluate(
     place: Place,
     isolation: Isolation,
 ) -> [Value; 4] {
-    let Place {
-        ptex, uv: [u, v], ..
-    } = place;
-    if surface.is_hole(ptex) {
+    let Place { ptex, uv, .. } = place;
+    let Some(sample) = surface.sample(points, ptex, uv, isolation) else {
         return [const { Value::Null }; 4];
-    }
-    let isolated = isolation.and_then(|level| surface.isolate(points, ptex, u, v, level));
-    let three = |p: &[f64]| [p[0], p[1], p[2]];
-    let (point, has_lengths) = match isolated {
-        Some(corner) => {
-            let [du, dv] = &corner.tangents;
-            let point = LimitPoint {
-                position: three(&corner.position),
-                du: three(du),
-                dv: three(dv),
-                ..LimitPoint::default()
-            };
-            (point, corner.has_lengths)
-        }
-        None => (
-            surface.evaluate(points, ptex, u, v),
-            !surface.is_extraordinary(ptex, u, v),
-        ),
     };
-    let derivative = |d: [f64; 3]| if has_lengths { json!(d) } else { Value::Null };
+    let derivative = |i: usize| sample.derivatives.map_or(Value::Null, |d| json!(d[i]));
     [
-        json!(point.position),
-        derivative(point.du),
-        derivative(point.dv),
-        json!(point.normal(u, v)),
+        json!(sample.position),
+        derivative(0),
+        derivative(1),
+        json!(sample.normal),
     ]
 }
 
@@ -367,20 +347,7 @@ fn face_varying(
         let field = surface.field(values.map(|&x| f64::from(x)).collect(), 2);
         places
             .iter()
-            .map(|place| {
-                if surface.is_hole(place.ptex) {
-                    return Value::Null;
-                }
-                let mut st = [0.0; 2];
-                let [u, v] = place.uv;
-                let isolated =
-                    isolation.and_then(|level| surface.isolate(&field, place.ptex, u, v, level));
-                if let Some(corner) = isolated {
-                    return json!(corner.position);
-                }
-                surface.interpolate(&field, place.ptex, u, v, &mut st);
-                json!(st)
-            })
+            .map(|place| json!(surface.sample_value(&field, place.ptex, place.uv, isolation)))
             .collect()
     };
     Ok(rules

@@ -35,16 +35,19 @@ impl Weights {
     };
 }
 
+const SIXTH: f64 = 1.0 / 6.0;
+
 /// The uniform cubic B-splines over their middle segment, with first and second derivatives.
+#[inline]
 pub(super) fn cubic(t: f64) -> [[f64; 4]; 3] {
     let s = 1.0 - t;
     let (t2, s2) = (t * t, s * s);
     [
         [
-            s2 * s / 6.0,
-            (4.0 - 3.0 * t2 * (1.0 + s)) / 6.0,
-            (4.0 - 3.0 * s2 * (1.0 + t)) / 6.0,
-            t2 * t / 6.0,
+            SIXTH * s2 * s,
+            4.0 * SIXTH - 0.5 * t2 * (1.0 + s),
+            4.0 * SIXTH - 0.5 * s2 * (1.0 + t),
+            SIXTH * t2 * t,
         ],
         [
             -0.5 * s2,
@@ -96,40 +99,131 @@ pub(super) fn linear(u: f64, v: f64) -> Weights {
 }
 
 /// A term c·uᵃ·vᵇ·wᶜ with w = 1 − u − v.
-type Term = (f64, [i32; 3]);
+type Term = (f64, [usize; 3]);
 
-/// Weights of a quartic box spline patch, whose polynomials stand in [`BOX_SPLINE`] times 12.
+/// Weights of a quartic box spline patch.
 pub(super) fn box_spline(u: f64, v: f64) -> Weights {
-    let w = 1.0 - u - v;
-    let powers = |x: f64| [1.0, x, x * x, x * x * x, x * x * x * x];
-    let (pu, pv, pw) = (powers(u), powers(v), powers(w));
-    // Powers and their first and second derivatives.
-    let d = |p: &[f64; 5], n: i32, order: i32| -> f64 {
-        let factor: i32 = (0..order).map(|k| n - k).product();
-        if factor == 0 {
-            0.0
-        } else {
-            f64::from(factor) * p[(n - order) as usize]
-        }
-    };
     let mut out = Weights::ZERO;
-    for (i, terms) in BOX_SPLINE.iter().enumerate() {
-        for &(c, [a, b, g]) in *terms {
-            let c = c / 12.0;
-            // By the chain rule: d/du holds v and takes w' = −1, likewise d/dv.
-            let t = |i: i32, j: i32, k: i32| c * d(&pu, a, i) * d(&pv, b, j) * d(&pw, g, k);
-            out.p[i] += t(0, 0, 0);
-            out.u[i] += t(1, 0, 0) - t(0, 0, 1);
-            out.v[i] += t(0, 1, 0) - t(0, 0, 1);
-            out.uu[i] += t(2, 0, 0) - 2.0 * t(1, 0, 1) + t(0, 0, 2);
-            out.uv[i] += t(1, 1, 0) - t(1, 0, 1) - t(0, 1, 1) + t(0, 0, 2);
-            out.vv[i] += t(0, 2, 0) - 2.0 * t(0, 1, 1) + t(0, 0, 2);
+    let [p, du, dv] = box_spline_first(u, v);
+    let quadratic = monomials::<2, 6>(u, v);
+    for (out, weights) in [
+        (&mut out.p, p),
+        (&mut out.u, du),
+        (&mut out.v, dv),
+        (&mut out.uu, combine(&SPLINE_UU, &quadratic)),
+        (&mut out.uv, combine(&SPLINE_UV, &quadratic)),
+        (&mut out.vv, combine(&SPLINE_VV, &quadratic)),
+    ] {
+        out[..12].copy_from_slice(&weights);
+    }
+    out
+}
+
+/// Weights of a quartic box spline patch for the position and the first derivatives.
+#[inline]
+pub(super) fn box_spline_first(u: f64, v: f64) -> [[f64; 12]; 3] {
+    let cubic = monomials::<3, 10>(u, v);
+    [
+        combine(&SPLINE, &monomials::<4, 15>(u, v)),
+        combine(&SPLINE_U, &cubic),
+        combine(&SPLINE_V, &cubic),
+    ]
+}
+
+/// For each monomial of one degree the coefficients of the twelve functions.
+type Polynomials<const N: usize> = [[f64; 12]; N];
+
+const SPLINE: Polynomials<15> = tabulate();
+const SPLINE_U: Polynomials<10> = derive::<4, 15, 10>(&SPLINE, 0);
+const SPLINE_V: Polynomials<10> = derive::<4, 15, 10>(&SPLINE, 1);
+const SPLINE_UU: Polynomials<6> = derive::<3, 10, 6>(&SPLINE_U, 0);
+const SPLINE_UV: Polynomials<6> = derive::<3, 10, 6>(&SPLINE_U, 1);
+const SPLINE_VV: Polynomials<6> = derive::<3, 10, 6>(&SPLINE_V, 1);
+
+/// The place of uᵃ·vᵇ·wᶜ among the monomials of this degree.
+const fn monomial(degree: usize, a: usize, b: usize) -> usize {
+    a * (2 * degree + 3 - a) / 2 + b
+}
+
+/// All monomials of a degree, as [`monomial`] numbers them.
+fn monomials<const DEGREE: usize, const N: usize>(u: f64, v: f64) -> [f64; N] {
+    let w = 1.0 - u - v;
+    let mut powers = [[1.0; 3]; 5];
+    for i in 1..=DEGREE {
+        powers[i] = [
+            powers[i - 1][0] * u,
+            powers[i - 1][1] * v,
+            powers[i - 1][2] * w,
+        ];
+    }
+    let mut out = [0.0; N];
+    let mut k = 0;
+    for a in 0..=DEGREE {
+        for b in 0..=DEGREE - a {
+            out[k] = powers[a][0] * powers[b][1] * powers[DEGREE - a - b][2];
+            k += 1;
         }
     }
     out
 }
 
-/// The basis functions as homogeneous quartics in u, v and w: what Loop's rules make of one point of a regular
+fn combine<const N: usize>(table: &Polynomials<N>, monomials: &[f64; N]) -> [f64; 12] {
+    let mut out = [0.0; 12];
+    for (row, &x) in table.iter().zip(monomials) {
+        for (out, &c) in out.iter_mut().zip(row) {
+            *out += c * x;
+        }
+    }
+    out
+}
+
+const fn tabulate() -> Polynomials<15> {
+    let mut out = [[0.0; 12]; 15];
+    let mut i = 0;
+    while i < 12 {
+        let mut k = 0;
+        while k < BOX_SPLINE[i].len() {
+            let (c, [a, b, _]) = BOX_SPLINE[i][k];
+            out[monomial(4, a, b)][i] = c / 12.0;
+            k += 1;
+        }
+        i += 1;
+    }
+    out
+}
+
+/// The derivatives by u (`axis` 0) or v (1) of polynomials of this degree. By the chain rule w' = −1.
+const fn derive<const DEGREE: usize, const N: usize, const M: usize>(
+    table: &Polynomials<N>,
+    axis: usize,
+) -> Polynomials<M> {
+    let mut out = [[0.0; 12]; M];
+    let mut a = 0;
+    while a <= DEGREE {
+        let mut b = 0;
+        while b <= DEGREE - a {
+            let powers = [a, b];
+            let c = DEGREE - a - b;
+            let mut i = 0;
+            while i < 12 {
+                let term = table[monomial(DEGREE, a, b)][i];
+                if powers[axis] > 0 {
+                    let lower = monomial(DEGREE - 1, a - (1 - axis), b - axis);
+                    out[lower][i] += powers[axis] as f64 * term;
+                }
+                if c > 0 {
+                    out[monomial(DEGREE - 1, a, b)][i] -= c as f64 * term;
+                }
+                i += 1;
+            }
+            b += 1;
+        }
+        a += 1;
+    }
+    out
+}
+
+/// The basis functions times 12 as homogeneous quartics in u, v and w: what Loop's rules make of one point of a regular
 /// lattice, interpolated exactly at fifteen limit points. (Stam, *Evaluation of Loop Subdivision Surfaces*, 1998,
 /// tabulates them with other corners.)
 #[rustfmt::skip]

@@ -23,6 +23,9 @@ pub(super) struct Cage {
     pub(super) vertex_sharpness: Vec<f32>,
     /// By face: not part of the surface.
     pub(super) hole: Vec<bool>,
+    /// By edge how sharp its halves are at the next level, where this is part of a mesh and does not know all edges at
+    /// its outer vertices, by which Chaikin's rule decides; empty elsewhere.
+    pub(super) halves: Vec<[f32; 2]>,
 }
 
 /// What holds at all levels.
@@ -51,6 +54,7 @@ impl Cage {
             edge_sharpness: vec![0.0; topology.edge_count()],
             vertex_sharpness: vec![0.0; topology.vertex_count()],
             hole: vec![false; topology.face_count()],
+            halves: Vec::new(),
             rules: Rules {
                 scheme: mesh.scheme,
                 linear: matches!(mesh.scheme, Scheme::Bilinear | Scheme::None),
@@ -81,6 +85,9 @@ impl Cage {
 
     /// The cage on which a face-varying primvar lives: this one, cut open along the seams. Also the element of the
     /// primvar at each of its vertices.
+    ///
+    /// Under Chaikin's rule sharpness decays by the edges that are left at a vertex; OpenSubdiv's decays as on the whole
+    /// mesh. They differ where semi-sharp creases of several sharpnesses reach a seam.
     ///
     /// Seams are borders. Which points on them are corners is up to `rule`; the words and the cases are OpenSubdiv's.
     pub(super) fn cut(
@@ -117,6 +124,7 @@ impl Cage {
                 .map(|&v| self.vertex_sharpness[v as usize])
                 .collect(),
             hole: self.hole.clone(),
+            halves: Vec::new(),
             rules: Rules {
                 linear: self.rules.linear || rule == FaceVaryingInterpolation::All,
                 ..self.rules
@@ -161,6 +169,10 @@ impl Cage {
 
     /// How sharp the half of `edge` next to `vertex` is at the next level.
     pub(super) fn child_sharpness(&self, edge: u32, vertex: u32) -> f32 {
+        if let Some(halves) = self.halves.get(edge as usize) {
+            let [first, _] = self.topology.edge_vertices(edge);
+            return halves[usize::from(first != vertex)];
+        }
         let around = self.topology.vertex_edges(vertex).iter();
         crease::child_sharpness(
             self.rules.crease_method,

@@ -8,7 +8,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use super::crease::{Rule, is_semi_sharp, is_sharp};
+use super::crease::{Rule, is_semi_sharp};
 use super::regular::{Span, full_span};
 use super::ring::Ring;
 use super::schemes::loop_scheme::neighbour_weight;
@@ -317,26 +317,63 @@ fn iterate(ring: &Ring, corner: u32, step: &Step, points: &[u32]) -> CornerLimit
     for _ in 0..ITERATIONS {
         position = once(&position);
     }
-    let tangents = [topology.next(corner), topology.previous(corner)].map(|end| {
+    let start = [topology.next(corner), topology.previous(corner)].map(|end| {
         let mut row = vec![0.0; size];
         row[topology.vertex(end) as usize] += 1.0;
         row[vertex] -= 1.0;
-        for _ in 0..ITERATIONS {
-            row = once(&row);
-            // Rounding brings a bit of the position back, which would grow.
-            let sum: f64 = row.iter().sum();
-            for (weight, &limit) in row.iter_mut().zip(&position) {
-                *weight -= sum * limit;
-            }
-            let length = row.iter().fold(0.0, |m: f64, &w| m.max(w.abs()));
-            if !is_sharp(length as f32) {
-                break;
-            }
-            for weight in &mut row {
-                *weight /= length;
-            }
-        }
         row
     });
+    let step = |row: &mut Row| {
+        *row = once(row);
+        // Rounding brings a bit of the position back, which would grow.
+        let sum: f64 = row.iter().sum();
+        add_multiple(row, -sum, &position);
+    };
+    let mut tangents = start.clone();
+    for _ in 0..ITERATIONS {
+        for row in &mut tangents {
+            step(row);
+            normalise(row);
+        }
+    }
+    // Where one direction shrinks more slowly than all others both rows have become that one. The plane is still that
+    // of the two slowest: what is left of the second row beside the first.
+    if is_along(&tangents[1], &tangents[0]) {
+        tangents = start;
+        for _ in 0..ITERATIONS {
+            let [first, second] = &mut tangents;
+            step(first);
+            normalise(first);
+            step(second);
+            let along = dot(second, first) / dot(first, first).max(f64::MIN_POSITIVE);
+            add_multiple(second, -along, first);
+            normalise(second);
+        }
+    }
     CornerLimit { position, tangents }
+}
+
+fn dot(a: &Row, b: &Row) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
+}
+
+fn add_multiple(row: &mut Row, factor: f64, other: &Row) {
+    for (x, y) in row.iter_mut().zip(other) {
+        *x += factor * y;
+    }
+}
+
+/// To a largest weight of 1; what vanishes stays.
+fn normalise(row: &mut Row) {
+    let length = row.iter().fold(0.0, |m: f64, &w| m.max(w.abs()));
+    if length > 0.0 {
+        for weight in row {
+            *weight /= length;
+        }
+    }
+}
+
+fn is_along(a: &Row, b: &Row) -> bool {
+    let product = dot(a, b);
+    product * product > (1.0 - 1e-9) * dot(a, a) * dot(b, b)
 }

@@ -36,11 +36,24 @@ pub(super) fn decayed(sharpness: f32) -> f32 {
     if is_infinite(sharpness) {
         Crease::INFINITE
     } else {
-        (sharpness - 1.0).max(0.0)
+        left(f64::from(sharpness) - 1.0)
+    }
+}
+
+/// Less than this is what rounding leaves of 0. Rules change there, and all faces must see it.
+const ROUNDING: f64 = 1e-6;
+
+fn left(sharpness: f64) -> f32 {
+    if sharpness > ROUNDING {
+        sharpness as f32
+    } else {
+        0.0
     }
 }
 
 /// The sharpness of an edge's half next to a vertex whose edges are `around`, this one included.
+///
+/// Faces see the edges in different orders: sums are in double precision, so that all get the same result.
 pub(super) fn child_sharpness(
     method: CreaseMethod,
     sharpness: f32,
@@ -51,12 +64,13 @@ pub(super) fn child_sharpness(
     }
     let (sum, count) = around
         .filter(|&s| is_semi_sharp(s))
-        .fold((0.0_f32, 0), |(sum, count), s| (sum + s, count + 1));
+        .fold((0.0, 0), |(sum, count), s| (sum + f64::from(s), count + 1));
     if count < 2 {
         return decayed(sharpness);
     }
-    let others = (sum - sharpness) / (count - 1) as f32;
-    (0.75 * sharpness + 0.25 * others - 1.0).max(0.0)
+    let own = f64::from(sharpness);
+    let others = (sum - own) / f64::from(count - 1);
+    left(0.75 * own + 0.25 * others - 1.0)
 }
 
 /// The rule of a vertex with this sharpness and number of sharp edges.
@@ -76,7 +90,7 @@ pub(super) fn share_of_old_rule(
     method: CreaseMethod,
     vertex: (f32, f32),
     edges: impl Iterator<Item = (f32, f32)>,
-) -> f32 {
+) -> f64 {
     let vertex = (is_sharp(vertex.0) && !is_sharp(vertex.1)).then_some(vertex.0);
     let edges = edges.filter(|&(before, after)| {
         is_sharp(before)
@@ -88,10 +102,10 @@ pub(super) fn share_of_old_rule(
     let (sum, count) = vertex
         .into_iter()
         .chain(edges.map(|e| e.0))
-        .fold((0.0_f32, 0), |(sum, count), s| (sum + s, count + 1));
+        .fold((0.0, 0), |(sum, count), s| (sum + f64::from(s), count + 1));
     if count == 0 {
         0.0
     } else {
-        (sum / count as f32).min(1.0)
+        (sum / f64::from(count)).min(1.0)
     }
 }

@@ -23,7 +23,7 @@ use rayon::prelude::*;
 use super::cage::Cage;
 use super::descent::{Found, descend_strip, pick, run, scale, weigh};
 use super::parameters::{by_parameters, clamp, corner_at, quarter};
-use super::patch::{self, LimitPoint, PatchKind, Real};
+use super::patch::{self, FirstOrder, LimitPoint, PatchKind, Real};
 use super::plan::{Node, Plan, STORED_SPLITS};
 use super::ring::Ring;
 use super::stencils::Stencils;
@@ -61,8 +61,8 @@ const HOLE: u32 = u32::MAX;
 #[derive(Debug, Clone)]
 pub struct Field<T> {
     width: usize,
-    vertices: Vec<T>,
-    own: Vec<T>,
+    /// The vertices' values, then those of the faces' own points.
+    values: Vec<T>,
 }
 
 impl<T> Field<T> {
@@ -73,7 +73,7 @@ impl<T> Field<T> {
 
     /// Bytes held.
     pub fn memory(&self) -> usize {
-        size_of_val(self.vertices.as_slice()) + size_of_val(self.own.as_slice())
+        size_of_val(self.values.as_slice())
     }
 }
 
@@ -123,15 +123,17 @@ impl LimitSurface {
     ///
     /// # Panics
     /// If `values` are not as many as the vertices ask for.
-    pub fn field<T: Real>(&self, values: Vec<T>, width: usize) -> Field<T> {
+    pub fn field<T: Real>(&self, mut values: Vec<T>, width: usize) -> Field<T> {
         assert_eq!(
             values.len(),
             self.vertices * width,
             "values of all vertices"
         );
-        let mut own = vec![T::default(); self.own_points * width];
+        values.reserve_exact(self.own_points * width);
+        values.resize((self.vertices + self.own_points) * width, T::default());
         // Faces own consecutive stretches, so each can be filled by itself.
-        let mut rest = own.as_mut_slice();
+        let (vertices, mut rest) = values.split_at_mut(self.vertices * width);
+        let vertices = &*vertices;
         let mut work = Vec::new();
         for face in self.faces.iter().filter(|f| f.plan != HOLE) {
             let rows = self.plans[face.plan as usize].program.len();
@@ -150,7 +152,7 @@ impl LimitSurface {
                     Vec::with_capacity((ring.len() + plan.program.len()) * width);
                 for &vertex in ring {
                     points.extend(
-                        values[vertex as usize * width..][..width]
+                        vertices[vertex as usize * width..][..width]
                             .iter()
                             .map(|x| x.get()),
                     );
@@ -160,11 +162,7 @@ impl LimitSurface {
                     *out = T::of(x);
                 }
             });
-        Field {
-            width,
-            vertices: values,
-            own,
-        }
+        Field { width, values }
     }
 
     /// The field of a mesh's points at a motion key.
@@ -201,6 +199,35 @@ impl LimitSurface {
             }
         };
         scale(&mut out, place.scale);
+        out
+    }
+
+    /// As [`evaluate`](Self::evaluate) without second derivatives, and faster.
+    ///
+    /// # Panics
+    /// If the face is a hole.
+    pub fn first_order<T: Real>(
+        &self,
+        field: &Field<T>,
+        face: u32,
+        u: f64,
+        v: f64,
+    ) -> FirstOrder<T> {
+        assert_eq!(field.width, 3);
+        let place = self.find(face, u, v);
+        if let Part::Split(_) = place.part {
+            return self.evaluate(field, face, u, v).into();
+        }
+        let (values, _) = field.values.as_chunks::<3>();
+        let mut points = [[T::default(); 4]; 16];
+        for (out, &point) in points.iter_mut().zip(&place.points[..self.kind.points()]) {
+            let [x, y, z] = values[place.index(point)];
+            *out = [x, y, z, T::default()];
+        }
+        let mut out = patch::first_order(self.kind, &points, place.u, place.v);
+        for (d, scale) in [&mut out.du, &mut out.dv].into_iter().zip(place.scale) {
+            *d = d.map(|x| x * T::of(scale));
+        }
         out
     }
 
@@ -418,6 +445,7 @@ impl LimitSurface {
     }
 
     /// The part of the face's plan that (u, v) is in.
+    #[inline]
     fn find(&self, face: u32, u: f64, v: f64) -> Place<'_> {
         let face = self.faces[face as usize];
         assert_ne!(face.plan, HOLE, "evaluation of a hole");
@@ -455,7 +483,7 @@ impl LimitSurface {
             part,
             points: &plan.points[points as usize..],
             ring: &self.rings[face.ring as usize..][..plan.ring as usize],
-            own: face.own,
+            own: self.vertices as u32 + face.own,
             u,
             v,
             scale: size,
@@ -534,6 +562,7 @@ struct Place<'a> {
     part: Part,
     points: &'a [u32],
     ring: &'a [u32],
+    /// The number of the face's first own point in a field.
     own: u32,
     u: f64,
     v: f64,
@@ -547,14 +576,16 @@ enum Part {
 }
 
 impl Place<'_> {
+    /// The number of a point of the plan in a field.
+    fn index(&self, point: u32) -> usize {
+        let index = match self.ring.get(point as usize) {
+            Some(&vertex) => vertex,
+            None => self.own + (point - self.ring.len() as u32),
+        };
+        index as usize
+    }
+
     fn value<'f, T>(&self, field: &'f Field<T>, point: u32) -> &'f [T] {
-        let width = field.width;
-        match self.ring.get(point as usize) {
-            Some(&vertex) => &field.vertices[vertex as usize * width..][..width],
-            None => {
-                let own = self.own as usize + point as usize - self.ring.len();
-                &field.own[own * width..][..width]
-            }
-        }
+        &field.values[self.index(point) * field.width..][..field.width]
     }
 }

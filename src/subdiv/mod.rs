@@ -19,6 +19,7 @@ mod plan;
 mod refine;
 mod regular;
 mod ring;
+mod sampled;
 pub mod schemes;
 mod stencils;
 mod step;
@@ -27,5 +28,6 @@ mod tests;
 mod uniform;
 
 pub use limit::{Field, Isolated, LimitSurface};
-pub use patch::{LimitPoint, Real};
+pub use patch::{FirstOrder, LimitPoint, Real};
+pub use sampled::Sample;
 pub use uniform::{Refined, refine};

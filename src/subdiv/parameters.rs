@@ -3,6 +3,7 @@
 use super::patch::PatchKind;
 
 /// Parameters within the face; what is not a number becomes 0.
+#[inline]
 pub(super) fn clamp(kind: PatchKind, u: f64, v: f64) -> [f64; 2] {
     let [u, v] = [u, v].map(unit);
     if kind.is_triangular() && u + v > 1.0 {

@@ -91,15 +91,19 @@ pub(super) fn split(cage: &Cage) -> Cage {
         "{} corners cannot be refined within 32 bits",
         topology.corner_count()
     );
-    // One inner edge for each corner: from the face's point to its edge's, or between the points of its two edges.
+    // One inner edge for each corner: from the face's point to its edge's, or from that of the corner's edge to the
+    // previous one's. Which end comes first decides the order of points two levels on.
     let inner = topology.corner_count() as u32;
     let mut edge_vertices = Vec::with_capacity(3 * inner as usize);
     for corner in 0..inner {
-        let from = match cage.rules.triangles() {
-            true => children.of_edge(topology.edge(topology.previous(corner))),
-            false => children.of_face(topology.face(corner)),
-        };
-        edge_vertices.push([from, children.of_edge(topology.edge(corner))]);
+        let own = children.of_edge(topology.edge(corner));
+        edge_vertices.push(match cage.rules.triangles() {
+            true => [
+                own,
+                children.of_edge(topology.edge(topology.previous(corner))),
+            ],
+            false => [children.of_face(topology.face(corner)), own],
+        });
     }
     let mut edge_sharpness = vec![0.0; inner as usize];
     for edge in 0..topology.edge_count() as u32 {
@@ -178,6 +182,7 @@ pub(super) fn split(cage: &Cage) -> Cage {
         edge_sharpness,
         vertex_sharpness,
         hole,
+        halves: Vec::new(),
     }
 }
 
@@ -259,13 +264,13 @@ fn vertex_row(cage: &Cage, masks: &dyn Masks, vertex: u32, row: &mut Stencils) {
     let share = if before == after {
         1.0
     } else {
-        f64::from(crease::share_of_old_rule(
+        crease::share_of_old_rule(
             cage.rules.crease_method,
             (sharpness, decayed(sharpness)),
             edges
                 .iter()
                 .map(|&e| (cage.edge_sharpness[e as usize], child(e))),
-        ))
+        )
     };
     let mut add = |rule: Rule, share: f64, ends: &mut dyn Iterator<Item = u32>| match rule {
         Rule::Smooth => masks.smooth_vertex(cage, vertex, share, row),

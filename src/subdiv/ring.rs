@@ -5,7 +5,7 @@
 //! corners in turn, counterclockwise.
 
 use super::cage::Cage;
-use crate::mesh::Topology;
+use crate::mesh::{CreaseMethod, Topology};
 
 /// A face's surroundings: face 0 of `cage`, whose vertices come first and in its order.
 #[derive(Debug, Clone)]
@@ -71,11 +71,18 @@ impl Ring {
         }
         let mut edge_vertices = Vec::with_capacity(edges.len());
         let mut edge_sharpness = Vec::with_capacity(edges.len());
+        let mut halves = Vec::new();
         for &edge in &edges {
-            let ends = topology.edge_vertices(edge);
-            let ends = ends.map(|v| number(&mut vertices, v));
+            let whole_ends = topology.edge_vertices(edge);
+            let ends = whole_ends.map(|v| number(&mut vertices, v));
             let touches = ends.iter().any(|&v| v < own);
             edge_vertices.push(ends);
+            if cage.rules.crease_method == CreaseMethod::Chaikin {
+                halves.push(whole_ends.map(|v| match touches {
+                    true => cage.child_sharpness(edge, v),
+                    false => 0.0,
+                }));
+            }
             edge_sharpness.push(if touches {
                 cage.edge_sharpness[edge as usize]
             } else {
@@ -98,6 +105,7 @@ impl Ring {
                 hole: vec![false; counts.len()],
                 topology: local,
                 rules: cage.rules,
+                halves,
                 edge_sharpness,
                 vertex_sharpness,
             },
@@ -123,6 +131,7 @@ impl Ring {
         key.extend(corners.map(|c| topology.edge(c)));
         let bits = |sharpness: &f32| sharpness.min(crate::mesh::Crease::INFINITE).to_bits();
         key.extend(self.cage.edge_sharpness.iter().map(bits));
+        key.extend(self.cage.halves.iter().flatten().map(bits));
         key.extend(
             self.cage.vertex_sharpness[..self.own as usize]
                 .iter()
