@@ -15,4 +15,5 @@ mod lights;
 mod manners;
 mod pictures;
 mod smooth;
+mod subdivide;
 mod usd_oracle;
