@@ -14,6 +14,7 @@ mod layers;
 mod lights;
 mod manners;
 mod pictures;
+mod scenes;
 mod smooth;
 mod subdivide;
 mod usd_oracle;
