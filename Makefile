@@ -6,9 +6,14 @@ PACKAGES    := libembree-dev libopenimageio-dev libclang-dev g++ pkg-config
 RELIEVO     := target/release/relievo
 OUT         := out
 
-.PHONY: demo test bench fuzz leaks deps build lint clean
+# What `make scenes` writes: large maps from a seed, one cage by five schemes.
+SCHEMES     := catmark loop doo-sabin butterfly sqrt3
+MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
+               $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
-demo: build
+.PHONY: demo test bench scenes fuzz leaks deps build lint clean
+
+demo: build scenes
 	mkdir -p $(OUT)
 	$(RELIEVO) render scenes/first-light/first-light.usda -o $(OUT)/first-light.exr --png $(OUT)/first-light.png \
 	  --stats $(OUT)/first-light.json
@@ -17,15 +22,39 @@ demo: build
 build: deps
 	cargo build --release $(CARGO_FLAGS)
 
-test: deps
+test: deps scenes
 	cargo test --release --workspace $(CARGO_FLAGS)
+
+# Only what is missing or older than what makes it.
+scenes: deps $(MADE)
+
+MAKE_SCENES := cargo run --release $(CARGO_FLAGS) --example make_scenes --
+
+scenes/relief/made/relief.exr: $(wildcard examples/make_scenes/*.rs)
+	$(MAKE_SCENES) relief $@
+
+scenes/creature/made/scales.exr: $(wildcard examples/make_scenes/*.rs)
+	$(MAKE_SCENES) scales $@
+
+# √3 makes three faces of one and not four: it takes two levels more.
+scenes/schemes/made/%.usda: scenes/schemes/cage.obj src/cli/subdivide.rs $(wildcard src/subdiv/schemes/*.rs)
+	@mkdir -p $(@D)
+	cargo run --release $(CARGO_FLAGS) -- subdivide $< --scheme $* -n $(if $(filter sqrt3,$*),6,5) --limit -o $@
+
+scenes/schemes/made/curve.svg: scenes/schemes/curve.obj
+	@mkdir -p $(@D)
+	cargo run --release $(CARGO_FLAGS) -- subdivide $< -n 4 -o $@
+
+# The creature's cage is committed; this writes it anew.
+scenes/creature/tortoise.usda: examples/make_scenes/tortoise.rs
+	$(MAKE_SCENES) tortoise $@
 
 lint: deps
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets $(CARGO_FLAGS) -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items $(CARGO_FLAGS)
 
-bench: build
+bench: build scenes
 	cargo bench $(CARGO_FLAGS)
 
 # Needs a nightly compiler; installs cargo-fuzz where it is missing. SECONDS_EACH=600 runs each target for ten minutes.
@@ -49,4 +78,4 @@ deps:
 
 clean:
 	cargo clean
-	rm -rf $(OUT)
+	rm -rf $(OUT) $(MADE)

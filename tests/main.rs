@@ -14,6 +14,8 @@ mod layers;
 mod lights;
 mod manners;
 mod pictures;
+mod scenes;
 mod smooth;
 mod subdiv_oracle;
+mod subdivide;
 mod usd_oracle;

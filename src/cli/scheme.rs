@@ -2,6 +2,7 @@
 
 use clap::ValueEnum;
 use relievo::mesh::{BoundaryInterpolation, ControlMesh, Scheme};
+use relievo::subdiv::schemes::classic::SchemeKind;
 
 /// How faces become a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -13,6 +14,37 @@ pub(crate) enum SchemeName {
     Loop,
     /// Faces split, points stay.
     Bilinear,
+}
+
+/// Everything that refines: USD's schemes, the classical ones, and Chaikin's for curves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum RefinementName {
+    /// Catmull and Clark 1978: any faces, creases.
+    #[value(name = "catmark", aliases = ["catmull-clark", "catmullClark"])]
+    CatmullClark,
+    /// Loop 1987: triangles, creases.
+    Loop,
+    /// Faces split, points stay.
+    Bilinear,
+    /// Doo and Sabin 1978: any faces; one for each old face, edge and vertex.
+    DooSabin,
+    /// Modified Butterfly (Zorin 1996): triangles; the surface passes through all points.
+    Butterfly,
+    /// Kobbelt's √3 (2000): triangles, three for one; two levels make nine.
+    Sqrt3,
+    /// Chaikin 1974: polylines, whose corners are cut off.
+    Chaikin,
+}
+
+/// What a [`RefinementName`] stands for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Refinement {
+    /// A scheme of control meshes.
+    Standard(SchemeName),
+    /// A classical one.
+    Classic(SchemeKind),
+    /// Curves.
+    Chaikin,
 }
 
 /// What the surface does at the mesh's border.
@@ -35,6 +67,21 @@ impl SchemeName {
             Self::Loop => Scheme::Loop,
             Self::Bilinear => Scheme::Bilinear,
         };
+    }
+}
+
+impl RefinementName {
+    /// What it stands for.
+    pub(crate) fn kind(self) -> Refinement {
+        match self {
+            Self::CatmullClark => Refinement::Standard(SchemeName::CatmullClark),
+            Self::Loop => Refinement::Standard(SchemeName::Loop),
+            Self::Bilinear => Refinement::Standard(SchemeName::Bilinear),
+            Self::DooSabin => Refinement::Classic(SchemeKind::DooSabin),
+            Self::Butterfly => Refinement::Classic(SchemeKind::Butterfly),
+            Self::Sqrt3 => Refinement::Classic(SchemeKind::Sqrt3),
+            Self::Chaikin => Refinement::Chaikin,
+        }
     }
 }
 

@@ -350,7 +350,8 @@ fn needed_primvars(
 ) -> Result<Vec<String>, Fault> {
     let mut needs = Vec::new();
     for covering in covering(shape, places, description) {
-        for name in materials[covering.unwrap_or(unbound)].needs() {
+        let material = &materials[covering.unwrap_or(unbound)];
+        for name in [material.needs(), material.displacement_needs()].concat() {
             let unusable = shape.unusable_primvars.iter().find(|p| p.name == name);
             if let Some(unusable) = unusable {
                 let reader =

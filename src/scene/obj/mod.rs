@@ -11,7 +11,7 @@ mod tags;
 #[cfg(test)]
 mod tests;
 
-pub use polylines::{load_polylines, parse_polylines};
+pub use polylines::{is_curves, load_polylines, parse_polylines};
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};

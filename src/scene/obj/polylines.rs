@@ -26,6 +26,23 @@ pub fn parse_polylines(bytes: &[u8], name: &Path) -> Result<Vec<Polyline>> {
     read(bytes, name)
 }
 
+/// Whether an OBJ file has polylines and no faces.
+///
+/// # Errors
+/// Bad input for a file that cannot be read.
+pub fn is_curves(path: &Path) -> Result<bool> {
+    let (mut lines, mut faces) = (false, false);
+    statements(BufReader::new(open(path)?), path, |statement, _| {
+        match statement.split_whitespace().next() {
+            Some("l") => lines = true,
+            Some("f") => faces = true,
+            _ => {}
+        }
+        Ok(())
+    })?;
+    Ok(lines && !faces)
+}
+
 fn read(text: impl BufRead, name: &Path) -> Result<Vec<Polyline>> {
     let mut points = Vec::new();
     let mut lines: Vec<(u32, Vec<u32>)> = Vec::new();

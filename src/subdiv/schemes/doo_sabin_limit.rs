@@ -120,6 +120,21 @@ impl DooSabinSurface {
         })
     }
 
+    /// The surface in the middle of a patch, or of its side or at its corner if the patch's point is on a border.
+    /// None where there is no surface.
+    ///
+    /// # Panics
+    /// If there is no such key or patch.
+    pub fn middle(&self, key: usize, patch: usize) -> Option<Sample> {
+        let fan = &self.patches[patch];
+        let [u, v] = match (fan.closed, fan.corners.len()) {
+            (true, _) => [0.5, 0.5],
+            (false, 1) => [0.0, 0.0],
+            (false, _) => [0.5, 0.0],
+        };
+        self.evaluate(key, patch, u, v)
+    }
+
     /// The points of a corner's face from that corner on.
     fn polygon(&self, key: usize, corner: u32) -> Vec<DVec3> {
         let points = &self.refined.mesh.points[key];

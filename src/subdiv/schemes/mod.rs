@@ -1,11 +1,12 @@
 //! The schemes, one file each.
 //!
 //! Catmull-Clark, Loop and bilinear are masks for [`crate::subdiv::refine()`] and [`crate::subdiv::LimitSurface`]. The
-//! classical ones are behind [`classic::refine`]; curves have [`chaikin`].
+//! classical ones are behind [`classic::refine`] and [`classic_limit::refine_to_limit`]; curves have [`chaikin`].
 
 pub mod chaikin;
 pub mod chaikin_page;
 pub mod classic;
+pub mod classic_limit;
 pub mod doo_sabin_limit;
 pub mod sqrt3;
 
