@@ -26,6 +26,6 @@ mod step;
 mod tests;
 mod uniform;
 
-pub use limit::{Field, Isolated, LimitSurface};
+pub use limit::{BezierLeaf, Field, Isolated, LimitSurface};
 pub use patch::{LimitPoint, Real};
 pub use uniform::{Refined, refine};
