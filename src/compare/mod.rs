@@ -1,5 +1,5 @@
-//! Ways of tracing one surface, set against each other: whether they see the same ([`verify`]), and how fast and how
-//! large they are ([`bench`]).
+//! Ways of tracing one surface, set against each other: whether they see the same ([`verify()`]), and how fast and how
+//! large they are ([`bench()`]).
 
 mod bench;
 mod random;
