@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Lowest first: a module and the modules that it may use. What stands below it in the list it may not.
-const LAYERS: [(&str, &[&str]); 18] = [
+const LAYERS: [(&str, &[&str]); 19] = [
     ("error", &[]),
     ("math", &[]),
     ("mesh", &["error", "math"]),
@@ -65,6 +65,14 @@ const LAYERS: [(&str, &[&str]); 18] = [
             "world",
             "film",
             "integrate",
+        ],
+    ),
+    // Sees all ways of tracing at once, which nothing below it may.
+    (
+        "compare",
+        &[
+            "error", "stats", "math", "mesh", "scene", "surface", "accel", "trace", "shade",
+            "world", "render",
         ],
     ),
     ("cli", &[]),

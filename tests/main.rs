@@ -8,6 +8,7 @@
 #![allow(unreachable_pub, reason = "a test binary has no outside")]
 
 mod common;
+mod compare;
 mod errors;
 mod furnace;
 mod layers;

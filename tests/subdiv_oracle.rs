@@ -188,7 +188,7 @@ impl Reference {
             .join(word(&values["cage"]));
         let scene = obj::load(&cage, &LoadOptions::default())
             .unwrap_or_else(|error| panic!("{name}: {error}"));
-        let mut mesh = ControlMesh::clone(&scene.shapes[0].mesh);
+        let mut mesh = ControlMesh::clone(scene.shapes[0].geometry.mesh().expect("a mesh"));
         mesh.scheme = match word(&values["scheme"]) {
             "catmark" => Scheme::CatmullClark,
             "loop" => Scheme::Loop,

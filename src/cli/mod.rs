@@ -1,10 +1,13 @@
 //! The command line, one file a command.
 
+mod bench;
+mod compare;
 mod eval;
 mod info;
 mod render;
 mod scheme;
 mod subdivide;
+mod verify;
 
 use std::io::{IsTerminal, Write};
 use std::process::ExitCode;
@@ -48,6 +51,10 @@ enum Command {
     Subdivide(subdivide::Subdivide),
     /// Evaluate the limit surface of a cage.
     Eval(eval::Eval),
+    /// Check all ways of tracing a scene against each other.
+    Verify(verify::Verify),
+    /// Measure all ways of tracing a scene.
+    Bench(bench::Bench),
     /// Print a completion script for a shell.
     Completions {
         /// The shell.
@@ -77,6 +84,8 @@ pub(crate) fn run() -> ExitCode {
         Command::Info(info) => info.run(),
         Command::Subdivide(subdivide) => subdivide.run(),
         Command::Eval(eval) => eval.run(),
+        Command::Verify(verify) => verify.run(),
+        Command::Bench(bench) => bench.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "relievo", &mut script);

@@ -31,20 +31,11 @@ pub struct Estimate {
 /// # Errors
 /// Where there is nothing to see, or the scene's settings name a camera that does not exist.
 pub fn estimate(description: &Description) -> Result<Estimate> {
-    let (camera, _) = framing::camera(description, None)?;
     let resolution = description
         .settings
         .resolution
         .unwrap_or(DEFAULT_RESOLUTION);
-    let camera = Camera::new(
-        &camera,
-        CameraOptions {
-            resolution,
-            conform: AspectRatioConform::ExpandAperture,
-            pixel_aspect: 1.0,
-            depth_of_field: false,
-        },
-    )?;
+    let camera = camera(description, resolution)?;
     let micro_triangles = micro_triangles(description, &camera, &Dicing::default());
     let meshes = description
         .shapes
@@ -57,4 +48,21 @@ pub fn estimate(description: &Description) -> Result<Estimate> {
         control_meshes: meshes.sum(),
         film: Film::bytes(resolution) as u64,
     })
+}
+
+/// The camera that the scene names first, or one that shows all of it.
+///
+/// # Errors
+/// As for [`estimate`].
+pub fn camera(description: &Description, resolution: [u32; 2]) -> Result<Camera> {
+    let (camera, _) = framing::camera(description, None)?;
+    Camera::new(
+        &camera,
+        CameraOptions {
+            resolution,
+            conform: AspectRatioConform::ExpandAperture,
+            pixel_aspect: 1.0,
+            depth_of_field: false,
+        },
+    )
 }

@@ -5,7 +5,7 @@ mod framing;
 mod output;
 mod progress;
 
-pub use estimate::{Estimate, estimate};
+pub use estimate::{Estimate, camera, estimate};
 pub use output::{AOVS, Aov, Output, PixelType};
 pub use progress::{Progress, ProgressStyle};
 

@@ -16,6 +16,8 @@
 //!                triangle: (0, 0), (1, 0), (0, 1) are its corners
 //! ```
 
+mod leaves;
+
 use std::collections::HashMap;
 
 use rayon::prelude::*;
@@ -29,6 +31,8 @@ use super::ring::Ring;
 use super::stencils::Stencils;
 use super::step::{Shape, Steps};
 use crate::mesh::{ControlMesh, FaceVaryingInterpolation, Primvar};
+
+pub use leaves::BezierLeaf;
 
 /// The limit surface of a control mesh, without its points: see [`LimitSurface::field`].
 #[derive(Debug)]

@@ -27,7 +27,7 @@ mod step;
 mod tests;
 mod uniform;
 
-pub use limit::{Field, Isolated, LimitSurface};
+pub use limit::{BezierLeaf, Field, Isolated, LimitSurface};
 pub use patch::{FirstOrder, LimitPoint, Real};
 pub use sampled::Sample;
 pub use uniform::{Refined, refine};

@@ -12,9 +12,11 @@ mod dice;
 mod displace;
 mod evaluate;
 mod image_map;
+mod parts;
 mod pyramid;
 mod rates;
 mod shared;
+mod subdivision;
 #[cfg(test)]
 pub(crate) mod tests;
 
@@ -30,3 +32,4 @@ pub use image_map::{Channels, ImageMap};
 pub use pyramid::Pyramid;
 pub use rates::{Dicing, MOST_SEGMENTS, Places, Rates, View};
 pub use shared::{Scratch, SharedSamples};
+pub use subdivision::Subdivision;

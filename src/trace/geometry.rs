@@ -212,6 +212,20 @@ impl Geometry {
         self.keys
     }
 
+    /// Bytes of its own beside Embree's; without what an intersector holds, control meshes and instanced scenes.
+    pub fn memory(&self) -> usize {
+        let points = |keys: &Keys| {
+            keys.iter()
+                .map(|key| size_of_val(key.as_slice()))
+                .sum::<usize>()
+        };
+        match &self.kind {
+            Kind::Triangles(indices, keys) => size_of_val(indices.as_slice()) + points(keys),
+            Kind::Grids(grids, keys) => size_of_val(grids.as_slice()) + points(keys),
+            Kind::Subdivision(_) | Kind::User(_) | Kind::Instance(_) => 0,
+        }
+    }
+
     fn is_ready(&self) -> bool {
         self.ready.load(Ordering::Acquire)
     }

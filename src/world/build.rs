@@ -227,7 +227,7 @@ fn go_on_or_stop(go_on: &(dyn Fn(f64) -> bool + Sync), done: f64) -> Result<()> 
     }
 }
 
-fn name_shape(error: Error, description: &Description, shape: &scene::Shape) -> Error {
+pub(super) fn name_shape(error: Error, description: &Description, shape: &scene::Shape) -> Error {
     match error {
         Error::Input(fault) => {
             let fault = fault.at_prim(&shape.path);
@@ -240,7 +240,7 @@ fn name_shape(error: Error, description: &Description, shape: &scene::Shape) -> 
     }
 }
 
-fn load_textures(
+pub(super) fn load_textures(
     description: &Description,
     options: &BuildOptions,
     warnings: &mut Warnings,
@@ -295,7 +295,7 @@ fn serves_clay(description: &Description, texture: usize) -> bool {
 }
 
 /// All materials, and the number of the one for faces without any.
-fn materials(
+pub(super) fn materials(
     description: &Description,
     textures: &[Arc<Texture>],
     options: &BuildOptions,
@@ -371,7 +371,7 @@ fn needed_primvars(
 }
 
 /// The displacing material that covers all of a shape.
-fn displacement_of(
+pub(super) fn displacement_of(
     shape: &scene::Shape,
     places: &[u32],
     description: &Description,

@@ -144,7 +144,11 @@ pub(super) fn refinement_levels(
 }
 
 /// The material's displacement along the normal.
-fn displacement(material: Material, mesh: &ControlMesh, needs: &[String]) -> Displacement {
+pub(super) fn displacement(
+    material: Material,
+    mesh: &ControlMesh,
+    needs: &[String],
+) -> Displacement {
     let widths = needs
         .iter()
         .map(|n| (n.clone(), mesh.primvar(n).map_or(0, |p| p.width as usize)))

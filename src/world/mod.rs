@@ -5,6 +5,7 @@ mod dicing;
 mod estimate;
 mod geometry;
 mod interaction;
+mod objects;
 mod patch;
 mod shape;
 mod worn;
@@ -13,6 +14,7 @@ pub use build::{BuildOptions, Built};
 pub use dicing::Dicing;
 pub use estimate::micro_triangles;
 pub use interaction::Interaction;
+pub use objects::{Object, objects};
 
 use crate::accel::Hit;
 use crate::math::{Affine3A, Ray};

@@ -1,0 +1,59 @@
+//! `relievo verify`.
+
+use clap::Args;
+use relievo::Result;
+use relievo::compare::verify;
+use serde_json::json;
+
+use super::compare::Compare;
+
+/// Check all ways of tracing against Embree's subdivision and against finely diced triangles.
+///
+/// Distances are in diagonals of each mesh's box. Leaks are rays that leave a closed mesh from within.
+#[derive(Debug, Args)]
+pub(crate) struct Verify {
+    #[command(flatten)]
+    compare: Compare,
+    /// Rays for each mesh.
+    #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..))]
+    rays: u64,
+}
+
+impl Verify {
+    pub(crate) fn run(self) -> Result<()> {
+        let scene = self.compare.load()?;
+        let verified = verify(&scene, &self.compare.options(self.rays))?;
+        self.compare.warn(&verified.warnings);
+        if self.compare.json {
+            let report = json!({"scene": self.compare.scene, "rows": verified.rows});
+            return super::print(format!("{report}\n").as_bytes());
+        }
+        let mut text = format!(
+            "{:20} {:20} {:>9} {:>8} {:>8} {:>10} {:>10} {:>8} {:>6}\n",
+            "method",
+            "reference",
+            "rays",
+            "only it",
+            "only ref",
+            "max dist",
+            "rms dist",
+            "normal",
+            "leaks"
+        );
+        for row in &verified.rows {
+            text += &format!(
+                "{:20} {:20} {:>9} {:>8} {:>8} {:>10.2e} {:>10.2e} {:>8.3} {:>6}\n",
+                row.method,
+                row.reference,
+                row.rays,
+                row.only_method,
+                row.only_reference,
+                row.max_distance,
+                row.rms_distance,
+                row.max_normal_degrees,
+                row.leaks
+            );
+        }
+        super::print(text.as_bytes())
+    }
+}

@@ -1,0 +1,281 @@
+//! How fast and how large all methods are, on one set of rays in one process.
+//!
+//! Methods take turns, so that a machine that slows down slows all of them; what counts is the median. Primary rays go
+//! through the pixels of the scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray
+//! to a point above the scene. The hits are those of `embree-triangles`, for all methods.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::CompareOptions;
+use super::random::Random;
+use super::traced::{Method, Prepared, prepare, together};
+use crate::error::{Error, Result, Warnings};
+use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
+use crate::render::camera;
+use crate::scene::Description;
+use crate::trace::{Device, DeviceOptions, Scene};
+use crate::world::objects;
+
+/// Times that everything is measured.
+const REPEATS: usize = 5;
+
+/// What was measured.
+#[derive(Debug, Clone)]
+pub struct Bench {
+    /// Where.
+    pub machine: Machine,
+    /// Each method.
+    pub rows: Vec<BenchRow>,
+    /// What could not be measured.
+    pub warnings: Warnings,
+}
+
+/// The machine that it was measured on.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Machine {
+    /// The processor's name.
+    pub processor: String,
+    /// Threads used where all are.
+    pub threads: usize,
+    /// Embree's version.
+    pub embree: String,
+}
+
+/// By kind of ray, then by number of threads.
+pub type BySpeed = BTreeMap<&'static str, BTreeMap<String, f64>>;
+
+/// A method's figures.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BenchRow {
+    /// Its name.
+    pub method: &'static str,
+    /// Micro-triangles of all meshes, each counted once. For Embree's subdivision, those of the same rates.
+    pub micro_triangles: u64,
+    /// Bytes held, trees and Embree's own included, control meshes and textures not.
+    pub bytes: u64,
+    /// The same by the micro-triangle.
+    pub bytes_per_micro_triangle: f64,
+    /// Dicing and building trees, on all threads.
+    pub build_seconds: f64,
+    /// Millions of rays a second.
+    pub mrays: BySpeed,
+    /// That over the same of `embree-triangles`.
+    pub ratio: BySpeed,
+}
+
+struct Entry {
+    method: Method,
+    scene: Scene,
+    bytes: u64,
+    builds: Vec<f64>,
+    /// By kind of ray and number of threads.
+    speeds: BTreeMap<(&'static str, usize), Vec<f64>>,
+}
+
+/// Measures all methods over a scene.
+///
+/// # Errors
+/// If the scene cannot be built, or there is nothing in it to see.
+pub fn bench(description: &Description, options: &CompareOptions) -> Result<Bench> {
+    let mut warnings = Warnings::default();
+    let all = objects(description, &mut warnings)?;
+    let side = (options.rays.max(1) as f64).sqrt().ceil() as u32;
+    let view = camera(description, [side, side])?;
+    let prepared = prepare(all, options.fineness, &|| camera(description, [960, 540]))?;
+    let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
+
+    let mut methods = options.methods.clone();
+    if !methods.contains(&Method::EmbreeTriangles) {
+        methods.insert(0, Method::EmbreeTriangles);
+    }
+    let mut entries: Vec<Entry> = Vec::new();
+    for round in 0..REPEATS.div_ceil(2) {
+        for &method in &methods {
+            if round > 0 && !entries.iter().any(|e| e.method == method) {
+                continue;
+            }
+            match build(method, &prepared) {
+                Ok((scene, bytes, seconds)) => {
+                    match entries.iter_mut().find(|e| e.method == method) {
+                        Some(entry) => entry.builds.push(seconds),
+                        None => entries.push(Entry {
+                            method,
+                            scene,
+                            bytes,
+                            builds: vec![seconds],
+                            speeds: BTreeMap::new(),
+                        }),
+                    }
+                }
+                Err(Error::Input(fault)) if method == Method::EmbreeSubdivision => {
+                    warnings.add("not in Embree", || {
+                        format!("Embree's subdivision is left out: {fault}")
+                    });
+                }
+                Err(error) => return Err(error),
+            }
+        }
+    }
+    let twin = entries
+        .iter()
+        .position(|entry| entry.method == Method::EmbreeTriangles)
+        .expect("it was put among the methods");
+    let kinds = rays(&entries[twin].scene, &view);
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    let mut counts = vec![1, threads];
+    counts.dedup();
+    for &count in &counts {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(count)
+            .build()
+            .map_err(|e| Error::failed(format!("cannot start {count} threads: {e}")))?;
+        for _ in 0..REPEATS {
+            for (kind, rays) in &kinds {
+                for entry in &mut entries {
+                    let speed = pool.install(|| speed(&entry.scene, kind, rays));
+                    entry.speeds.entry((kind, count)).or_default().push(speed);
+                }
+            }
+        }
+    }
+    let medians = |entry: &Entry| -> BySpeed {
+        let mut all = BySpeed::new();
+        for ((kind, count), speeds) in &entry.speeds {
+            all.entry(kind)
+                .or_default()
+                .insert(count.to_string(), median(speeds));
+        }
+        all
+    };
+    let norm = medians(&entries[twin]);
+    let rows = entries
+        .iter()
+        .filter(|entry| options.methods.contains(&entry.method))
+        .map(|entry| {
+            let mrays = medians(entry);
+            let mut ratio = mrays.clone();
+            for (kind, by_threads) in &mut ratio {
+                for (count, speed) in by_threads {
+                    *speed /= norm[kind][count].max(f64::MIN_POSITIVE);
+                }
+            }
+            BenchRow {
+                method: entry.method.name(),
+                micro_triangles,
+                bytes: entry.bytes,
+                bytes_per_micro_triangle: entry.bytes as f64 / micro_triangles.max(1) as f64,
+                build_seconds: median(&entry.builds),
+                mrays,
+                ratio,
+            }
+        })
+        .collect();
+    Ok(Bench {
+        machine: machine(threads)?,
+        rows,
+        warnings,
+    })
+}
+
+/// The scene, the bytes that it takes, and the seconds that it took.
+fn build(method: Method, prepared: &[Prepared]) -> Result<(Scene, u64, f64)> {
+    let device = Device::new(&DeviceOptions::default())?;
+    let before = device.memory();
+    let start = Instant::now();
+    let traced = prepared
+        .iter()
+        .map(|p| p.build(method, &p.rates, &device))
+        .collect::<Result<Vec<_>>>()?;
+    let places: Vec<&[Affine3A]> = prepared
+        .iter()
+        .map(|p| p.object.world_from_object.as_slice())
+        .collect();
+    let scene = together(&traced, &places, &device)?;
+    let seconds = start.elapsed().as_secs_f64();
+    let own: usize = traced.iter().map(|t| t.bytes).sum();
+    let bytes = own + device.memory().saturating_sub(before);
+    Ok((scene, bytes as u64, seconds))
+}
+
+/// The three kinds of rays.
+fn rays(scene: &Scene, view: &crate::shade::camera::Camera) -> [(&'static str, Vec<Ray>); 3] {
+    let [width, height] = view.resolution();
+    let primary: Vec<Ray> = (0..height)
+        .flat_map(|y| (0..width).map(move |x| Vec2::new(x as f32 + 0.5, y as f32 + 0.5)))
+        .map(|film| view.ray(film, [0.5; 2], 0.0))
+        .collect();
+    let Bounds3 { min, max } = scene.bounds();
+    let light = 0.5 * (min + max) + (max - min).length() * Vec3::new(0.5, 1.0, 0.7);
+    let (mut diffuse, mut shadow) = (Vec::new(), Vec::new());
+    for (seed, ray) in (0..).zip(&primary) {
+        let Some(hit) = scene.intersect(ray) else {
+            continue;
+        };
+        let mut random = Random::new(seed);
+        // Instances may be scaled and turned; the light's side of a random plane is as good for speed.
+        let normal = hit.normal.normalize_or(Vec3::Y);
+        let normal = if normal.dot(ray.direction) > 0.0 {
+            -normal
+        } else {
+            normal
+        };
+        let p = ray.at(hit.t);
+        let offset = 1e-4 * (max - min).length();
+        let local = (random.direction() + Vec3::Z).normalize_or(Vec3::Z);
+        let start = |direction| Ray {
+            t_min: offset,
+            ..Ray::new(p, direction, 0.0)
+        };
+        diffuse.push(start(Frame::around(normal).world_from_local(local)));
+        shadow.push(Ray {
+            t_max: 1.0,
+            t_min: 1e-4,
+            ..start(light - p)
+        });
+    }
+    [
+        ("primary", primary),
+        ("diffuse", diffuse),
+        ("shadow", shadow),
+    ]
+}
+
+/// Millions of rays a second, on this pool.
+fn speed(scene: &Scene, kind: &str, rays: &[Ray]) -> f64 {
+    let start = Instant::now();
+    let met: usize = rays
+        .par_chunks(1024)
+        .map(|rays| match kind {
+            "shadow" => rays.iter().filter(|ray| scene.occluded(ray)).count(),
+            _ => rays
+                .iter()
+                .filter(|ray| scene.intersect(ray).is_some())
+                .count(),
+        })
+        .sum();
+    std::hint::black_box(met);
+    1e-6 * rays.len() as f64 / start.elapsed().as_secs_f64().max(1e-9)
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
+fn machine(threads: usize) -> Result<Machine> {
+    let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = text
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split(':').nth(1))
+        .map_or(std::env::consts::ARCH, str::trim);
+    Ok(Machine {
+        processor: name.to_owned(),
+        threads,
+        embree: Device::new(&DeviceOptions::default())?.version(),
+    })
+}

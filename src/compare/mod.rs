@@ -1,0 +1,31 @@
+//! Ways of tracing one surface, set against each other: whether they see the same ([`verify()`]), and how fast and how
+//! large they are ([`bench()`]).
+
+mod bench;
+mod random;
+mod traced;
+mod verify;
+
+pub use bench::{Bench, BenchRow, BySpeed, Machine, bench};
+pub use traced::Method;
+pub use verify::{Verified, VerifyRow, verify};
+
+/// How finely surfaces are diced.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fineness {
+    /// All edges of the scene alike, so that about this many micro-triangles result.
+    MicroTriangles(u64),
+    /// Micro-edges of this many pixels before the scene's camera.
+    DicingRate(f32),
+}
+
+/// What both comparisons are told.
+#[derive(Debug, Clone)]
+pub struct CompareOptions {
+    /// Which methods.
+    pub methods: Vec<Method>,
+    /// How finely they dice.
+    pub fineness: Fineness,
+    /// Rays: for each mesh to verify, for the whole scene to measure speed.
+    pub rays: u64,
+}

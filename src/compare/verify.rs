@@ -1,0 +1,265 @@
+//! Whether all methods see the same surface.
+//!
+//! Rays come from a sphere around each mesh and aim into its box. Where a ray meets the method's surface, the distance
+//! to the reference is measured along the method's normal there, not along the ray: a ray that grazes both surfaces
+//! would tell of its own slope. Normals are those of the smooth surfaces, compared where that distance ends. Leaks are
+//! rays that leave a closed mesh from within: from halfway between the points where a ray enters and leaves it.
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::CompareOptions;
+use super::random::Random;
+use super::traced::{Method, Prepared, Traced, prepare};
+use crate::error::{Error, Result, Warnings};
+use crate::math::{Ray, Vec3};
+use crate::render::camera;
+use crate::scene::Description;
+use crate::surface::Rates;
+use crate::trace::{Device, DeviceOptions};
+use crate::world::objects;
+
+/// How many times as fine references are, along an edge.
+const FINER: u32 = 4;
+
+/// Farther apart than this part of the box, two hits are not of one place, and their normals are not compared.
+const SAME_PLACE: f32 = 1e-3;
+
+/// What was found.
+#[derive(Debug, Clone)]
+pub struct Verified {
+    /// Each method against each reference.
+    pub rows: Vec<VerifyRow>,
+    /// What could not be compared.
+    pub warnings: Warnings,
+}
+
+/// A method against a reference, over all meshes of the scene.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct VerifyRow {
+    /// The method's name.
+    pub method: &'static str,
+    /// `embree-subdivision`, or `fine-triangles`: our own dicing, finer.
+    pub reference: &'static str,
+    /// Rays traced.
+    pub rays: u64,
+    /// Rays that met only the method's surface.
+    pub only_method: u64,
+    /// Rays that met only the reference.
+    pub only_reference: u64,
+    /// The largest distance, in diagonals of the mesh's box.
+    pub max_distance: f64,
+    /// The root of the mean squared distance, likewise.
+    pub rms_distance: f64,
+    /// The largest angle between normals, in degrees.
+    pub max_normal_degrees: f64,
+    /// Rays that left a closed mesh from within.
+    pub leaks: u64,
+}
+
+/// What rays found, in sums.
+#[derive(Debug, Clone, Copy, Default)]
+struct Found {
+    rays: u64,
+    only_method: u64,
+    only_reference: u64,
+    measured: u64,
+    max: f64,
+    squares: f64,
+    degrees: f64,
+    leaks: u64,
+}
+
+impl Found {
+    fn and(self, other: Self) -> Self {
+        Self {
+            rays: self.rays + other.rays,
+            only_method: self.only_method + other.only_method,
+            only_reference: self.only_reference + other.only_reference,
+            measured: self.measured + other.measured,
+            max: self.max.max(other.max),
+            squares: self.squares + other.squares,
+            degrees: self.degrees.max(other.degrees),
+            leaks: self.leaks + other.leaks,
+        }
+    }
+}
+
+/// Compares all methods over all meshes of a scene.
+///
+/// # Errors
+/// If the scene cannot be built.
+pub fn verify(description: &Description, options: &CompareOptions) -> Result<Verified> {
+    let mut warnings = Warnings::default();
+    let objects = objects(description, &mut warnings)?;
+    let view = || camera(description, [960, 540]);
+    let prepared = prepare(objects, options.fineness, &view)?;
+    let mut found: Vec<(Method, &'static str, Found)> = Vec::new();
+    for prepared in &prepared {
+        let device = Device::new(&DeviceOptions::default())?;
+        let fine = prepared.finer(FINER);
+        let embree = supported(prepared, &fine, &device, &mut warnings)?;
+        let triangles = prepared.build(Method::EmbreeTriangles, &fine, &device)?;
+        for &method in &options.methods {
+            if method == Method::EmbreeSubdivision && embree.is_none() {
+                continue;
+            }
+            let traced = prepared.build(method, &prepared.rates, &device)?;
+            let leaks = if is_closed(prepared) {
+                leaks(prepared, &traced, options.rays)
+            } else {
+                0
+            };
+            let embree = embree
+                .as_ref()
+                .filter(|_| method != Method::EmbreeSubdivision);
+            let references = [
+                embree.map(|reference| ("embree-subdivision", reference)),
+                Some(("fine-triangles", &triangles)),
+            ];
+            for (name, reference) in references.into_iter().flatten() {
+                let now = Found {
+                    leaks,
+                    ..compare(prepared, &traced, reference, options.rays)
+                };
+                match found
+                    .iter_mut()
+                    .find(|(m, n, _)| (*m, *n) == (method, name))
+                {
+                    Some((_, _, all)) => *all = all.and(now),
+                    None => found.push((method, name, now)),
+                }
+            }
+        }
+    }
+    let row = |(method, reference, found): (Method, &'static str, Found)| VerifyRow {
+        method: method.name(),
+        reference,
+        rays: found.rays,
+        only_method: found.only_method,
+        only_reference: found.only_reference,
+        max_distance: found.max,
+        rms_distance: (found.squares / found.measured.max(1) as f64).sqrt(),
+        max_normal_degrees: found.degrees,
+        leaks: found.leaks,
+    };
+    Ok(Verified {
+        rows: found.into_iter().map(row).collect(),
+        warnings,
+    })
+}
+
+/// Embree's own surface, if Embree takes the mesh.
+fn supported(
+    prepared: &Prepared,
+    rates: &Rates,
+    device: &Device,
+    warnings: &mut Warnings,
+) -> Result<Option<Traced>> {
+    match prepared.build(Method::EmbreeSubdivision, rates, device) {
+        Ok(traced) => Ok(Some(traced)),
+        Err(Error::Input(fault)) => {
+            warnings.add("not in Embree", || {
+                format!(
+                    "{}: not compared with Embree's subdivision: {fault}",
+                    prepared.object.path
+                )
+            });
+            Ok(None)
+        }
+        Err(error) => Err(error),
+    }
+}
+
+/// From a sphere around the mesh into its box.
+fn ray(prepared: &Prepared, random: &mut Random) -> Ray {
+    let (centre, diagonal) = (prepared.object.centre(), prepared.object.diagonal());
+    let from = centre + diagonal * random.direction();
+    let to = centre + 0.5 * diagonal * random.next().cbrt() * random.direction();
+    Ray::new(from, (to - from).normalize_or(Vec3::X), 0.0)
+}
+
+/// Rays whose findings are summed up at once: sums are the same for any number of threads.
+const TOGETHER: u64 = 1024;
+
+fn compare(prepared: &Prepared, traced: &Traced, reference: &Traced, rays: u64) -> Found {
+    let sums: Vec<Found> = (0..rays.div_ceil(TOGETHER))
+        .into_par_iter()
+        .map(|chunk| {
+            let first = chunk * TOGETHER;
+            (first..rays.min(first + TOGETHER))
+                .map(|seed| compare_ray(prepared, traced, reference, seed))
+                .fold(Found::default(), Found::and)
+        })
+        .collect();
+    sums.into_iter().fold(Found::default(), Found::and)
+}
+
+fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u64) -> Found {
+    let diagonal = prepared.object.diagonal();
+    let ray = ray(prepared, &mut Random::new(seed));
+    let hits = [traced, reference].map(|t| t.scene.intersect(&ray));
+    let mut found = Found {
+        rays: 1,
+        only_method: u64::from(hits[0].is_some() && hits[1].is_none()),
+        only_reference: u64::from(hits[0].is_none() && hits[1].is_some()),
+        ..Found::default()
+    };
+    let [Some(hit), Some(other)] = hits else {
+        return found;
+    };
+    let normal = traced.normal(&hit);
+    let along = (hit.t - other.t).abs();
+    let probe = (normal != Vec3::ZERO)
+        .then(|| reference.probe(ray.at(hit.t), normal))
+        .flatten();
+    let distance = f64::from(probe.map_or(along, |(d, _)| d.min(along)) / diagonal);
+    found.measured = 1;
+    found.max = distance;
+    found.squares = distance * distance;
+    if let Some((d, there)) = probe
+        && d < SAME_PLACE * diagonal
+    {
+        let cos = f64::from(normal.dot(reference.normal(&there)));
+        found.degrees = cos.clamp(-1.0, 1.0).acos().to_degrees();
+    }
+    found
+}
+
+/// Whether the surface has no border.
+fn is_closed(prepared: &Prepared) -> bool {
+    let topology = &prepared.topology;
+    prepared.object.mesh.holes.is_empty()
+        && (0..topology.edge_count() as u32)
+            .all(|e| topology.edge_corners(e).len() == 2 && topology.is_edge_manifold(e))
+}
+
+/// Rays from inside of a closed mesh that meet nothing.
+fn leaks(prepared: &Prepared, traced: &Traced, rays: u64) -> u64 {
+    let diagonal = prepared.object.diagonal();
+    (0..rays)
+        .into_par_iter()
+        .filter(|&seed| {
+            let mut random = Random::new(seed);
+            let ray = ray(prepared, &mut random);
+            let Some(first) = traced.scene.intersect(&ray) else {
+                return false;
+            };
+            let beyond = Ray {
+                t_min: first.t + 1e-4 * diagonal,
+                ..ray
+            };
+            let Some(second) = traced.scene.intersect(&beyond) else {
+                return false;
+            };
+            // In through one side and out through the other.
+            let sides = [first, second].map(|hit| hit.normal.dot(ray.direction));
+            if sides[0] * sides[1] >= 0.0 || second.t - first.t < 1e-3 * diagonal {
+                return false;
+            }
+            let inside = ray.at(0.5 * (first.t + second.t));
+            let out = Ray::new(inside, random.direction(), 0.0);
+            !traced.scene.occluded(&out)
+        })
+        .count() as u64
+}

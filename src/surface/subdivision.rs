@@ -1,0 +1,366 @@
+//! A subdivision surface as a [`Base`]: limit points, texture coordinates and certified boxes of a [`LimitSurface`].
+//!
+//! Faces are Ptex faces, or the [parts](super::parts) of them where a mesh has faces that are not quads;
+//! [`Subdivision::ptex_uv`] goes back. Where a face is one polynomial patch, grids come from its Bezier form; elsewhere
+//! each point is evaluated alone.
+
+use super::Bicubic;
+use super::base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, UvRect};
+use super::parts::{Part, Shape, parts};
+use super::rates::Rates;
+use crate::math::{Bounds3, Vec2, Vec3};
+use crate::mesh::{ControlMesh, FaceVaryingInterpolation, Interpolation, Primvar, Topology};
+use crate::subdiv::{Field, LimitSurface};
+
+/// The limit surface of a control mesh.
+pub struct Subdivision {
+    limit: LimitSurface,
+    /// The points at each motion key.
+    points: Vec<Field<f32>>,
+    /// The largest coordinate of each key.
+    largest: Vec<f32>,
+    texcoords: Option<Texcoords>,
+    parts: Vec<Part>,
+    is_cut: bool,
+    left_handed: bool,
+}
+
+/// Texture coordinates as a surface of their own.
+struct Texcoords {
+    /// Unless the points' one serves.
+    limit: Option<LimitSurface>,
+    /// s, t and 0.
+    st: Field<f32>,
+    largest: f32,
+}
+
+/// Evaluations in single precision err by fewer units of 2^-24 of the largest coordinate.
+const ROUNDINGS: f32 = 64.0;
+
+impl Subdivision {
+    /// The surface of a valid mesh. `texcoords` names a primvar of two components, which a point, a vertex or a
+    /// corner has; without one the surface has none.
+    pub fn new(mesh: &ControlMesh, texcoords: Option<&str>) -> Self {
+        let limit = LimitSurface::new(mesh);
+        let topology = mesh.topology();
+        let (parts, is_cut) = parts(mesh, &topology, limit.is_triangular());
+        let points: Vec<Field<f32>> = (0..mesh.points.len())
+            .map(|key| limit.points(mesh, key))
+            .collect();
+        Self {
+            largest: points.iter().map(|field| field.largest() as f32).collect(),
+            texcoords: texcoords
+                .and_then(|name| mesh.primvar(name))
+                .and_then(|primvar| Texcoords::new(mesh, &topology, &limit, primvar)),
+            limit,
+            points,
+            parts,
+            is_cut,
+            left_handed: mesh.left_handed,
+        }
+    }
+
+    /// The Ptex face and the parameters on it of a point of a face.
+    pub fn ptex_uv(&self, face: u32, uv: Vec2) -> (u32, [f64; 2]) {
+        let part = &self.parts[face as usize];
+        (part.ptex, part.shape.place(uv).uv)
+    }
+
+    /// Whether faces are parts of Ptex faces, so that each edge of the cage is two.
+    pub fn is_cut(&self) -> bool {
+        self.is_cut
+    }
+
+    /// The segments of the cage's edges at the given rates, for each corner of each face that of the edge which leaves
+    /// it.
+    pub fn corner_rates(&self, topology: &Topology, rates: &Rates) -> Vec<u32> {
+        (0..topology.corner_count() as u32)
+            .map(|corner| {
+                let edge = topology.edge(corner);
+                if self.is_cut {
+                    rates.edge(2 * edge) + rates.edge(2 * edge + 1)
+                } else {
+                    rates.edge(edge)
+                }
+            })
+            .collect()
+    }
+
+    /// The whole face as one patch, if it is.
+    fn patch(&self, limit: &LimitSurface, field: &Field<f32>, face: u32) -> Option<Bicubic> {
+        self.patch_of(limit, field, face, &UvRect::UNIT)
+    }
+
+    fn patch_of(
+        &self,
+        limit: &LimitSurface,
+        field: &Field<f32>,
+        face: u32,
+        rect: &UvRect,
+    ) -> Option<Bicubic> {
+        let part = &self.parts[face as usize];
+        let [min, max] = part.shape.place_rect(rect.min, rect.max);
+        let leaf = limit.bezier(field, part.ptex, [min, max])?;
+        let patch = Bicubic(leaf.points.map(|p| Vec3::from(p.map(|x| x as f32))));
+        let within = |x: [f64; 2]| {
+            Vec2::from([0, 1].map(|i| ((x[i] - leaf.min[i]) / (leaf.max[i] - leaf.min[i])) as f32))
+        };
+        let within = UvRect {
+            min: within(min),
+            max: within(max),
+        };
+        let patch = if within == UvRect::UNIT {
+            patch
+        } else {
+            patch.restricted(&within)
+        };
+        Some(match part.shape {
+            Shape::Quarter(corner) => turned(&patch, corner),
+            _ => patch,
+        })
+    }
+
+    fn limit_point(
+        &self,
+        limit: &LimitSurface,
+        field: &Field<f32>,
+        face: u32,
+        uv: Vec2,
+    ) -> LimitPoint {
+        let part = &self.parts[face as usize];
+        let placed = part.shape.place(uv);
+        let p = limit.evaluate(field, part.ptex, placed.uv[0], placed.uv[1]);
+        let [position, du, dv, duu, duv, dvv] =
+            [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::from);
+        let point = LimitPoint {
+            position,
+            du,
+            dv,
+            duu,
+            duv,
+            dvv,
+        };
+        match part.shape {
+            Shape::Whole => point,
+            _ => placed.pull_back(&point),
+        }
+    }
+
+    fn hull_of(
+        &self,
+        limit: &LimitSurface,
+        field: &Field<f32>,
+        largest: f32,
+        face: u32,
+        rect: &UvRect,
+    ) -> Bounds3 {
+        let slack = Vec3::splat(ROUNDINGS * 0.5 * f32::EPSILON * largest + f32::MIN_POSITIVE);
+        let bounds = match self.patch_of(limit, field, face, rect) {
+            Some(patch) => Bounds3::of(patch.0),
+            None => {
+                let part = &self.parts[face as usize];
+                let [min, max] = part.shape.place_rect(rect.min, rect.max);
+                let mut bounds = Bounds3::EMPTY;
+                limit.hull_points(field, part.ptex, [min, max], |p| {
+                    bounds = bounds.including(Vec3::from(p));
+                });
+                bounds
+            }
+        };
+        Bounds3 {
+            min: bounds.min - slack,
+            max: bounds.max + slack,
+        }
+    }
+}
+
+/// A quarter's patch, given in the directions of its quad, as seen from the quad's corner that it is at.
+fn turned(patch: &Bicubic, corner: u8) -> Bicubic {
+    Bicubic(std::array::from_fn(|i| {
+        let (c, r) = (i % 4, i / 4);
+        let (c, r) = match corner {
+            0 => (c, r),
+            1 => (3 - r, c),
+            2 => (3 - c, 3 - r),
+            _ => (r, 3 - c),
+        };
+        patch.0[4 * r + c]
+    }))
+}
+
+impl Texcoords {
+    fn new(
+        mesh: &ControlMesh,
+        topology: &Topology,
+        limit: &LimitSurface,
+        primvar: &Primvar,
+    ) -> Option<Self> {
+        if primvar.width != 2 {
+            return None;
+        }
+        let three = |element: &[f32]| [element[0], element[1], 0.0];
+        let (own, st) = match primvar.interpolation {
+            Interpolation::Constant | Interpolation::Uniform => return None,
+            Interpolation::Vertex => {
+                let values = (0..mesh.point_count()).flat_map(|v| three(primvar.get(v)));
+                (None, limit.field(values.collect(), 3))
+            }
+            Interpolation::Varying => {
+                // Linear over each face: as by corners, which are nowhere smooth.
+                let indices = (0..topology.corner_count() as u32).map(|corner| {
+                    let vertex = topology.vertex(corner);
+                    primvar
+                        .indices
+                        .as_ref()
+                        .map_or(vertex, |i| i[vertex as usize])
+                });
+                let by_corner = Primvar {
+                    interpolation: Interpolation::FaceVarying,
+                    indices: Some(indices.collect()),
+                    ..primvar.clone()
+                };
+                let rule = FaceVaryingInterpolation::All;
+                let (own, elements) = LimitSurface::face_varying(mesh, &by_corner, rule);
+                let values = elements
+                    .iter()
+                    .flat_map(|&e| three(primvar.element(e as usize)));
+                let st = own.field(values.collect(), 3);
+                (Some(own), st)
+            }
+            Interpolation::FaceVarying => {
+                let (own, elements) = LimitSurface::face_varying(mesh, primvar, mesh.face_varying);
+                let values = elements
+                    .iter()
+                    .flat_map(|&e| three(primvar.element(e as usize)));
+                let st = own.field(values.collect(), 3);
+                (Some(own), st)
+            }
+        };
+        Some(Self {
+            limit: own,
+            largest: st.largest() as f32,
+            st,
+        })
+    }
+}
+
+impl Base for Subdivision {
+    fn faces(&self) -> u32 {
+        self.parts.len() as u32
+    }
+
+    fn keys(&self) -> u32 {
+        self.points.len() as u32
+    }
+
+    fn is_hole(&self, face: u32) -> bool {
+        self.limit.is_hole(self.parts[face as usize].ptex)
+    }
+
+    fn left_handed(&self) -> bool {
+        self.left_handed
+    }
+
+    fn edge(&self, face: u32, k: u32) -> EdgeUse {
+        self.parts[face as usize].edge(k)
+    }
+
+    fn vertex(&self, face: u32, k: u32) -> u32 {
+        self.parts[face as usize].vertices[k as usize]
+    }
+
+    fn evaluate(&self, face: u32, uv: Vec2, key: u32) -> LimitPoint {
+        self.limit_point(&self.limit, &self.points[key as usize], face, uv)
+    }
+
+    fn evaluate_grid(&self, face: u32, us: &[f32], vs: &[f32], key: u32, out: &mut LimitGrid) {
+        if let Some(patch) = self.patch(&self.limit, &self.points[key as usize], face) {
+            patch.grid(us, vs, out);
+            return;
+        }
+        out.resize(us.len() * vs.len());
+        for (row, &v) in vs.iter().enumerate() {
+            for (column, &u) in us.iter().enumerate() {
+                let point = self.evaluate(face, Vec2::new(u, v), key);
+                out.set(row * us.len() + column, &point);
+            }
+        }
+    }
+
+    fn hull(&self, face: u32, rect: &UvRect, key: u32) -> Bounds3 {
+        let key = key as usize;
+        self.hull_of(
+            &self.limit,
+            &self.points[key],
+            self.largest[key],
+            face,
+            rect,
+        )
+    }
+
+    fn bezier(&self, face: u32, rect: &UvRect, key: u32) -> Option<Bicubic> {
+        self.patch_of(&self.limit, &self.points[key as usize], face, rect)
+    }
+
+    fn texcoord(&self, face: u32, uv: Vec2) -> Option<Texcoord> {
+        let texcoords = self.texcoords.as_ref()?;
+        if self.is_hole(face) {
+            return Some(Texcoord::default());
+        }
+        let limit = texcoords.limit.as_ref().unwrap_or(&self.limit);
+        let p = self.limit_point(limit, &texcoords.st, face, uv);
+        let [st, du, dv, duu, duv, dvv] =
+            [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::truncate);
+        Some(Texcoord {
+            st,
+            du,
+            dv,
+            duu,
+            duv,
+            dvv,
+        })
+    }
+
+    fn texcoord_grid(&self, face: u32, us: &[f32], vs: &[f32], out: &mut Vec<Vec2>) -> bool {
+        out.clear();
+        let Some(texcoords) = &self.texcoords else {
+            return false;
+        };
+        let limit = texcoords.limit.as_ref().unwrap_or(&self.limit);
+        if let Some(patch) = self.patch(limit, &texcoords.st, face) {
+            let mut grid = LimitGrid::default();
+            patch.grid(us, vs, &mut grid);
+            out.extend((0..grid.len()).map(|i| grid.position(i).truncate()));
+            return true;
+        }
+        for &v in vs {
+            let row = us.iter().map(|&u| {
+                self.limit_point(limit, &texcoords.st, face, Vec2::new(u, v))
+                    .position
+                    .truncate()
+            });
+            out.extend(row);
+        }
+        true
+    }
+
+    fn texcoord_hull(&self, face: u32, rect: &UvRect) -> Option<UvRect> {
+        let texcoords = self.texcoords.as_ref()?;
+        let limit = texcoords.limit.as_ref().unwrap_or(&self.limit);
+        let bounds = self.hull_of(limit, &texcoords.st, texcoords.largest, face, rect);
+        Some(UvRect {
+            min: bounds.min.truncate(),
+            max: bounds.max.truncate(),
+        })
+    }
+
+    fn memory(&self) -> usize {
+        let texcoords = self.texcoords.as_ref().map_or(0, |t| {
+            t.limit.as_ref().map_or(0, LimitSurface::memory) + t.st.memory()
+        });
+        self.limit.memory()
+            + self.points.iter().map(Field::memory).sum::<usize>()
+            + size_of_val(self.parts.as_slice())
+            + texcoords
+    }
+}
