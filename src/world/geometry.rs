@@ -98,7 +98,7 @@ pub(super) fn refined_because(mesh: &ControlMesh, displaced: bool) -> Option<Str
         Scheme::Loop => Some("Embree knows no Loop subdivision".to_owned()),
         Scheme::CatmullClark | Scheme::Bilinear if displaced => None,
         Scheme::CatmullClark | Scheme::Bilinear => match check_limits(mesh) {
-            Err(fault) => Some(fault.message),
+            Err(fault) => Some(fault.to_string()),
             Ok(()) if has_chaikin_creases(mesh) => Some(NO_CHAIKIN.to_owned()),
             Ok(()) if has_smooth_triangles(mesh) => Some(NO_SMOOTH_TRIANGLES.to_owned()),
             Ok(()) => None,
