@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use relievo::math::{DAffine3, DVec3, Ray, Vec2, Vec3};
 use relievo::mesh::{BoundaryInterpolation, ControlMesh, Corner, Crease, Interpolation, Primvar, Scheme, triangulate};
-use relievo::scene::{AspectRatioConform, Binding, Camera, Description, Placement, Projection, Shape};
+use relievo::scene::{AspectRatioConform, Binding, Camera, Description, Geometry, Placement, Projection, Shape};
 use relievo::shade::camera::{Camera as Prepared, CameraOptions};
 use relievo::subdiv::{LimitSurface, refine};
 use relievo::trace::{Device, DeviceOptions};
@@ -116,7 +116,7 @@ fn trace(mesh: ControlMesh) {
         cameras: vec![camera],
         shapes: vec![Shape {
             path: "/Mesh".into(),
-            mesh: Arc::new(mesh),
+            geometry: Geometry::Mesh(Arc::new(mesh)),
             materials: Binding::default(),
             double_sided: true,
             unusable_primvars: Vec::new(),
