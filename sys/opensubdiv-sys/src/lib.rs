@@ -137,6 +137,7 @@ mod sealed {
             }
 
             impl Border for $real {
+                // SAFETY: the trait says what the caller promises.
                 unsafe fn create(
                     triangles: c_int,
                     vertices: c_int,
@@ -153,6 +154,7 @@ mod sealed {
                         )
                     }
                 }
+                // SAFETY: the trait says what the caller promises.
                 unsafe fn evaluate(
                     surface: *const c_void,
                     count: c_int,
@@ -163,6 +165,7 @@ mod sealed {
                     // SAFETY: as the caller promises.
                     unsafe { $evaluate(surface, count, faces, uvs, out) }
                 }
+                // SAFETY: the trait says what the caller promises.
                 unsafe fn delete(surface: *mut c_void) {
                     // SAFETY: as the caller promises.
                     unsafe { $delete(surface) }
