@@ -198,8 +198,8 @@ fn bad_scenes_are_named_with_their_place() {
         ),
         (
             "cube.usda",
-            "#usda 1.0\ndef Cube \"A\" {}\n".to_owned(),
-            &["/A", "Cube", "nothing to see"],
+            "#usda 1.0\ndef Points \"A\" {}\n".to_owned(),
+            &["/A", "Points", "nothing to see"],
         ),
         ("scene.txt", "no scene".to_owned(), &["\"txt\"", ".usda"]),
     ];

@@ -11,6 +11,7 @@ mod common;
 mod compare;
 mod errors;
 mod furnace;
+mod gprims;
 mod layers;
 mod lights;
 mod manners;

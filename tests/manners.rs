@@ -118,7 +118,7 @@ fn reports_for_farms_are_json() {
     let bench = Bench::new();
     bench.write(
         "scene.usda",
-        quad("") + "def Cube \"C\" {}\ndef Camera \"Cam\" {}\n",
+        quad("") + "def Points \"C\" {}\ndef Camera \"Cam\" {}\n",
     );
     let json = |more: &[&str]| {
         let mut arguments = vec![
@@ -153,7 +153,7 @@ fn reports_for_farms_are_json() {
     assert!(
         lines
             .iter()
-            .any(|l| l["warning"].as_str().is_some_and(|w| w.contains("Cube")))
+            .any(|l| l["warning"].as_str().is_some_and(|w| w.contains("Points")))
     );
     let (code, lines) = json(&["-o", "out.exr", "--camera", "Nobody"]);
     assert_eq!(code, Some(3));

@@ -77,7 +77,8 @@ impl Reader {
                                 whole: material,
                                 subsets,
                             },
-                            double_sided: self.truth(prim, "doubleSided").unwrap_or(false),
+                            double_sided: (self.truth(prim, "doubleSided"))
+                                .unwrap_or_else(|| self.type_name(prim) == "Plane"),
                             unusable_primvars,
                         });
                         Some(self.shapes.len() - 1)
@@ -117,12 +118,16 @@ impl Reader {
         names: &[Token],
         state: &State,
     ) -> Result<Option<(Geometry, Vec<UnusablePrimvar>)>, Fault> {
-        Ok(if self.type_name(prim) == "NurbsPatch" {
-            let patch = self.nurbs_patch(prim, names, state)?;
-            patch.map(|(patch, unusable)| (Geometry::Nurbs(Arc::new(patch)), unusable))
-        } else {
-            let mesh = self.mesh(prim, names, state)?;
-            mesh.map(|(mesh, unusable)| (Geometry::Mesh(Arc::new(mesh)), unusable))
+        Ok(match self.type_name(prim).as_str() {
+            "Mesh" => {
+                let mesh = self.mesh(prim, names, state)?;
+                mesh.map(|(mesh, unusable)| (Geometry::Mesh(Arc::new(mesh)), unusable))
+            }
+            "NurbsPatch" => {
+                let patch = self.nurbs_patch(prim, names, state)?;
+                patch.map(|(patch, unusable)| (Geometry::Nurbs(Arc::new(patch)), unusable))
+            }
+            gprim => self.gprim(prim, names, state, gprim)?,
         })
     }
 

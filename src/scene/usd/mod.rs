@@ -7,6 +7,7 @@ mod attribute;
 mod camera;
 mod collect;
 mod composition;
+mod gprim;
 mod instancer;
 mod light;
 mod material;

@@ -222,7 +222,7 @@ fn transforms_purpose_and_visibility_are_inherited() {
         def Mesh "G" {{ {QUAD} }} }}
     def Mesh "Empty" {{ }}
     def NurbsPatch "N" {{ }}
-    def Cube "Cube" {{ }}
+    def Points "Points" {{ }}
     over "O" {{ }}
     class Mesh "C" {{ {QUAD} }}
 }}"#
@@ -245,7 +245,7 @@ fn transforms_purpose_and_visibility_are_inherited() {
         "unusable transform",
         "empty mesh",
         "empty patch",
-        "unsupported prim type Cube",
+        "unsupported prim type Points",
     ] {
         assert!(kinds.iter().any(|k| k == kind), "{kinds:?}");
     }

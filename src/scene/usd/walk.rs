@@ -11,6 +11,7 @@ use openusd::usd::{Prim, Stage, TimeCode};
 use openusd_schemas::geom::XformQuery;
 
 use super::collect::Collected;
+use super::gprim;
 use super::material::Bound;
 use super::motion::Motion;
 use super::value;
@@ -307,7 +308,13 @@ impl Reader {
         self.transform(prim, &names, &mut state);
         if self.is_shown(&state.inherited) {
             match type_name.as_str() {
-                "Mesh" | "NurbsPatch" => self.place_shape(prim, &names, &state)?,
+                shape
+                    if shape == "Mesh"
+                        || shape == "NurbsPatch"
+                        || gprim::TYPES.contains(&shape) =>
+                {
+                    self.place_shape(prim, &names, &state)?;
+                }
                 "PointInstancer" => return self.point_instancer(prim, &names, &state),
                 "" | "Xform" | "Scope" | "Camera" | "SkelRoot" | "Skeleton" | "SkelAnimation"
                 | "BlendShape" => {}
