@@ -1,9 +1,9 @@
 //! How fast and how large all methods are, on one set of rays in one process.
 //!
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
-//! median. Threads that other programs kept from the processors are told of. Primary rays go
-//! through the pixels of the scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray
-//! to a point above the scene. The hits are those of `embree-triangles`, for all methods.
+//! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
+//! scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
+//! scene. The hits are those of `embree-triangles`, for all methods.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
