@@ -11,7 +11,7 @@ SCHEMES     := catmark loop doo-sabin butterfly sqrt3
 MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
                $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
-.PHONY: demo test bench scenes fuzz leaks deps build lint clean
+.PHONY: demo test bench scenes fuzz leaks long-bounds deps build lint clean
 
 demo: build scenes
 	mkdir -p $(OUT)
@@ -66,11 +66,17 @@ fuzz: deps
 	  cargo +nightly fuzz run $$target corpus/$$target seeds/$$target -- -max_total_time=$(SECONDS_EACH) \
 	  -rss_limit_mb=4096 -timeout=20 -detect_leaks=0 || exit 1; done
 
-# Needs valgrind: definite losses in a whole render are an error.
+# Lost rays: 1e8 from inside of closed shapes by each way to trace, some minutes. Then lost memory, which needs
+# valgrind: definite losses in a whole render are an error.
 leaks: build
+	RELIEVO_EFFORT=100 cargo test --release $(CARGO_FLAGS) --lib no_ray_ -- --nocapture --test-threads=1
 	mkdir -p $(OUT)
 	valgrind --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite --error-exitcode=1 \
 	  $(RELIEVO) render scenes/furnace/furnace.usda -o $(OUT)/leaks.exr --res 8 8 --spp 1 -t 1 --quiet
+
+# A billion displaced points against the bounds of what they are on, ten minutes on one core.
+long-bounds: deps
+	RELIEVO_EFFORT=440 cargo test --release $(CARGO_FLAGS) --lib no_displaced_point_is_outside -- --nocapture
 
 # Looks for what is missing, and installs it with apt-get where there is one.
 deps:

@@ -9,6 +9,8 @@
 
 mod common;
 mod compare;
+mod displaced;
+mod embree_agrees;
 mod errors;
 mod furnace;
 mod gprims;

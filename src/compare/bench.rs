@@ -1,8 +1,9 @@
 //! How fast and how large all methods are, on one set of rays in one process.
 //!
-//! Methods take turns, so that a machine that slows down slows all of them; what counts is the median. Primary rays go
-//! through the pixels of the scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray
-//! to a point above the scene. The hits are those of `embree-triangles`, for all methods.
+//! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
+//! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
+//! scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
+//! scene. The hits are those of `embree-triangles`, for all methods.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -22,6 +23,12 @@ use crate::world::objects;
 
 /// Times that everything is measured.
 const REPEATS: usize = 5;
+
+/// Shorter than this, the system's count of processor time is too coarse.
+const ENOUGH_SECONDS: f64 = 0.5;
+
+/// Part of their time for which threads should have had processors.
+const ENOUGH_SHARE: f64 = 0.85;
 
 /// What was measured.
 #[derive(Debug, Clone)]
@@ -76,6 +83,50 @@ struct Entry {
     speeds: BTreeMap<(&'static str, usize), Vec<f64>>,
 }
 
+/// Threads to measure on, and whether they had processors.
+struct Pool {
+    threads: usize,
+    pool: rayon::ThreadPool,
+    /// Seconds by the clock and of all processors together.
+    clock: f64,
+    processors: f64,
+}
+
+impl Pool {
+    fn new(threads: usize) -> Result<Self> {
+        Ok(Self {
+            threads,
+            pool: rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .map_err(|e| Error::failed(format!("cannot start {threads} threads: {e}")))?,
+            clock: 0.0,
+            processors: 0.0,
+        })
+    }
+
+    /// Runs it on the threads, and notes what they got.
+    fn watched(&mut self, run: impl FnOnce() + Send) {
+        let (clock, processors) = (Instant::now(), processor_seconds());
+        self.pool.install(run);
+        self.clock += clock.elapsed().as_secs_f64();
+        self.processors += processor_seconds() - processors;
+    }
+
+    /// Warns if other programs had the processors: figures of several threads then say nothing.
+    fn report(&self, warnings: &mut Warnings) {
+        let had = self.processors / self.clock;
+        if self.clock > ENOUGH_SECONDS && had < ENOUGH_SHARE * self.threads as f64 {
+            let threads = self.threads;
+            warnings.add("busy machine", || {
+                format!(
+                    "{threads} threads had {had:.1} processors: measure again on an idle machine"
+                )
+            });
+        }
+    }
+}
+
 /// Measures all methods over a scene.
 ///
 /// # Errors
@@ -128,19 +179,25 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut counts = vec![1, threads];
     counts.dedup();
-    for &count in &counts {
-        let pool = rayon::ThreadPoolBuilder::new()
-            .num_threads(count)
-            .build()
-            .map_err(|e| Error::failed(format!("cannot start {count} threads: {e}")))?;
-        for _ in 0..REPEATS {
-            for (kind, rays) in &kinds {
-                for entry in &mut entries {
-                    let speed = pool.install(|| speed(&entry.scene, kind, rays));
-                    entry.speeds.entry((kind, count)).or_default().push(speed);
+    let mut pools = counts
+        .into_iter()
+        .map(Pool::new)
+        .collect::<Result<Vec<_>>>()?;
+    for _ in 0..REPEATS {
+        for pool in &mut pools {
+            let count = pool.threads;
+            pool.watched(|| {
+                for (kind, rays) in &kinds {
+                    for entry in &mut entries {
+                        let speed = speed(&entry.scene, kind, rays);
+                        entry.speeds.entry((kind, count)).or_default().push(speed);
+                    }
                 }
-            }
+            });
         }
+    }
+    for pool in &pools {
+        pool.report(&mut warnings);
     }
     let medians = |entry: &Entry| -> BySpeed {
         let mut all = BySpeed::new();
@@ -259,6 +316,20 @@ fn speed(scene: &Scene, kind: &str, rays: &[Ray]) -> f64 {
         .sum();
     std::hint::black_box(met);
     1e-6 * rays.len() as f64 / start.elapsed().as_secs_f64().max(1e-9)
+}
+
+/// What this process used so far, on Linux; elsewhere not a number.
+fn processor_seconds() -> f64 {
+    // A hundredth of a second each, whatever the kernel counts in.
+    const TICKS: f64 = 100.0;
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    // The program's name may have spaces; user and system time are the 12th and 13th words after it.
+    let after = text.rsplit(')').next().unwrap_or_default();
+    let mut times = after.split_whitespace().skip(11).map(str::parse::<f64>);
+    match (times.next(), times.next()) {
+        (Some(Ok(user)), Some(Ok(system))) => (user + system) / TICKS,
+        _ => f64::NAN,
+    }
 }
 
 fn median(values: &[f64]) -> f64 {

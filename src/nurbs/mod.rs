@@ -21,7 +21,7 @@ mod surface;
 mod trim;
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 pub use bezier::{BezierFaces, EdgeUse};
 pub use region::Region;

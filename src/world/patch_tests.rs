@@ -1,50 +1,13 @@
 //! Patches whose polygons are known: a ball, a trimmed sheet, primvars.
 
 use std::collections::BTreeMap;
-use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::super::dicing::tests::camera;
 use super::*;
-use crate::mesh::TrimCurve;
-
-const KNOTS: [f64; 12] = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 4.0, 4.0, 4.0];
-
-/// A circle's points and weights.
-fn circle() -> [([f64; 2], f64); 9] {
-    let s = FRAC_1_SQRT_2;
-    [
-        ([1.0, 0.0], 1.0),
-        ([1.0, 1.0], s),
-        ([0.0, 1.0], 1.0),
-        ([-1.0, 1.0], s),
-        ([-1.0, 0.0], 1.0),
-        ([-1.0, -1.0], s),
-        ([0.0, -1.0], 1.0),
-        ([1.0, -1.0], s),
-        ([1.0, 0.0], 1.0),
-    ]
-}
-
-fn direction(order: usize, knots: &[f64]) -> NurbsDirection {
-    NurbsDirection {
-        order,
-        count: knots.len() - order,
-        knots: knots.to_vec(),
-        ..NurbsDirection::default()
-    }
-}
+use crate::nurbs::tests::{circle, direction, sphere};
 
 /// The square from -1 to 1 in x and y, trimmed to discs.
 fn discs(discs: &[([f64; 2], f64)]) -> NurbsPatch {
-    let curve = |&([u, v], radius): &([f64; 2], f64)| {
-        let point = |([x, y], w): ([f64; 2], f64)| [w * (u + radius * x), w * (v + radius * y), w];
-        vec![TrimCurve {
-            order: 3,
-            knots: KNOTS.to_vec(),
-            range: [0.0, 4.0],
-            points: circle().map(point).to_vec(),
-        }]
-    };
     NurbsPatch {
         u: direction(2, &[-1.0, -1.0, 0.25, 1.0, 1.0]),
         v: direction(2, &[-1.0, -1.0, 1.0, 1.0]),
@@ -54,31 +17,10 @@ fn discs(discs: &[([f64; 2], f64)]) -> NurbsPatch {
                 .flat_map(|y| [-1.0, 0.25, 1.0].map(|x| Vec3::new(x, y, 0.0)))
                 .collect(),
         ],
-        trims: discs.iter().map(curve).collect(),
-        ..NurbsPatch::default()
-    }
-}
-
-fn sphere() -> NurbsPatch {
-    let s = FRAC_1_SQRT_2;
-    let profile = [
-        ([0.0, -1.0], 1.0),
-        ([1.0, -1.0], s),
-        ([1.0, 0.0], 1.0),
-        ([1.0, 1.0], s),
-        ([0.0, 1.0], 1.0),
-    ];
-    let all = profile
-        .iter()
-        .flat_map(|&(p, w)| circle().map(|(c, wc)| (p, c, w * wc)));
-    let point = |([r, z], [x, y]): ([f64; 2], [f64; 2])| {
-        Vec3::new((r * x) as f32, (r * y) as f32, z as f32)
-    };
-    NurbsPatch {
-        u: direction(3, &KNOTS),
-        v: direction(3, &[0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 2.0, 2.0]),
-        points: vec![all.clone().map(|(p, c, _)| point((p, c))).collect()],
-        weights: Some(all.map(|(.., w)| w).collect()),
+        trims: discs
+            .iter()
+            .map(|&(centre, radius)| vec![circle(centre, radius, false)])
+            .collect(),
         ..NurbsPatch::default()
     }
 }

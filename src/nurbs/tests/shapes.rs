@@ -31,7 +31,7 @@ fn turned(profile: &[([f32; 2], f64)], knots: &[f64]) -> NurbsPatch {
 }
 
 /// From the south pole to the north pole.
-fn sphere() -> NurbsPatch {
+pub(crate) fn sphere() -> NurbsPatch {
     let profile = [
         ([0.0, -1.0], 1.0),
         ([1.0, -1.0], FRAC_1_SQRT_2),

@@ -10,7 +10,7 @@ use crate::mesh::{NurbsPatch, TrimCurve};
 use crate::nurbs::{Cover, Region, Trim};
 
 /// A circle in the parameter plane, its arcs turned by `turn`; homogeneous points.
-fn circle(centre: [f64; 2], radius: f64, clockwise: bool) -> TrimCurve {
+pub(crate) fn circle(centre: [f64; 2], radius: f64, clockwise: bool) -> TrimCurve {
     let mut points: Vec<[f64; 3]> = CIRCLE
         .iter()
         .map(|([x, y], w)| {

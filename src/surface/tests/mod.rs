@@ -3,6 +3,7 @@
 mod bounding;
 mod dicing;
 mod displacing;
+pub(crate) mod leaks;
 pub(crate) mod shapes;
 
 use std::sync::Arc;

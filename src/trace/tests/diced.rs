@@ -2,11 +2,12 @@
 
 use super::*;
 use crate::accel::Tessellated;
-use crate::accel::tests::{aims_at_vertex, brute_force, leak_ray, random_ray};
+use crate::accel::tests::{brute_force, random_ray};
 use crate::math::{Bounds3, Vec2};
-use crate::surface::Diced;
-use crate::surface::tests::shapes::Random;
+use crate::surface::tests::leaks::escapes;
+use crate::surface::tests::shapes::{Patches, Random};
 use crate::surface::tests::{closed, displacements, effort, mixed, surface};
+use crate::surface::{Diced, Rates};
 
 /// A way to trace, and how it finds the face.
 struct Method {
@@ -117,62 +118,83 @@ fn point_of(diced: &Diced, triangle: u64, ray: &Ray, t: f64) -> Vec2 {
     diced.face_uv(triangle, uv.as_vec2()).1
 }
 
-/// Half a million rays each (times `RELIEVO_EFFORT`) from inside of closed shapes, near and far from the origin.
+/// A million rays each (times `RELIEVO_EFFORT`) from inside of closed, creased, displaced shapes.
 #[test]
 fn no_ray_leaves_a_closed_diced_surface() {
     let device = device();
-    let mut cases = Vec::new();
-    for (shape, base) in closed() {
-        let centre = if shape.contains("torus") {
-            Vec3::X
-        } else {
-            Vec3::ZERO
-        };
-        for (kind, displacement) in displacements(0.05) {
-            for offset in [0.0, 2e5] {
-                let scale = if offset > 0.0 { 40.0 } else { 1.0 };
-                let moved = base.clone().mapped(|p| scale * p + offset);
-                let surface = surface(moved, displacement.clone());
-                let diced = Arc::new(Diced::new(&surface, &mixed(&surface)));
-                cases.push((
-                    format!("{shape}, {kind}, at {offset}"),
-                    diced,
-                    scale * centre + offset,
-                ));
-            }
-        }
-    }
-    let each = effort(500_000).div_ceil(cases.len());
     for method in &METHODS {
-        let (mut at_vertices, mut elsewhere) = (0, 0);
-        for (name, diced, inside) in &cases {
-            let geometry = (method.geometry)(&device, diced).expect(name);
-            let scene = commit(&device, geometry).expect(name);
-            let mut random = Random(7);
-            for i in 0..each {
-                if !scene.occluded(&leak_ray(diced, *inside, i, &mut random)) {
-                    *if aims_at_vertex(i) {
-                        &mut at_vertices
-                    } else {
-                        &mut elsewhere
-                    } += 1;
-                }
-            }
-        }
-        let aimed = each * cases.len() / 4;
-        println!(
-            "{}: {at_vertices} of {aimed} rays at vertices escaped, {elsewhere} of {} others",
-            method.name,
-            3 * aimed
-        );
-        assert_eq!(elsewhere, 0, "{}", method.name);
+        let name = method.name;
+        let build = |diced: Arc<Diced>| {
+            let geometry = (method.geometry)(&device, &diced).expect(name);
+            commit(&device, geometry).expect(name)
+        };
+        let escaped = escapes(effort(1_000_000), build, Scene::occluded);
+        println!("{name}: {escaped}");
+        assert_eq!(escaped.elsewhere, 0, "{name}");
         // Embree's robust test (Plücker coordinates) decides at edges alike for both sides, but around a vertex that
         // the ray meets to the bit the edges may contradict one another: some such rays slip through.
-        let most = if method.name == "tessellated" {
+        let most = if name == "tessellated" {
             0
         } else {
-            aimed / 200
+            escaped.rays[0] / 200
         };
-        assert!(at_vertices <= most, "{}: {at_vertices}", method.name);
+        assert!(escaped.at_vertices <= most, "{name}: {escaped}");
     }
+}
+
+/// What slips through Embree's triangles at a vertex fails Embree's test against each triangle there: it is not boxes
+/// or the tree that lose rays, and no other tree over the same test would keep them.
+#[test]
+fn rays_slip_through_embrees_triangles_where_edges_contradict_one_another() {
+    let device = device();
+    let surface = surface(Patches::sphere(3), displacements(0.05).remove(1).1);
+    let diced = Arc::new(Diced::new(&surface, &Rates::uniform(&surface, 24)));
+    let geometry = Geometry::diced_triangles(&device, &diced).expect("triangles");
+    let scene = commit(&device, geometry).expect("a scene");
+    let positions = &diced.positions()[0];
+    let mut random = Random(5);
+    let (mut lost, mut told) = (0, 0);
+    for &p in positions {
+        let from = 0.1 * random.direction();
+        let ray = Ray::new(from, p - from, 0.0);
+        if scene.occluded(&ray) {
+            continue;
+        }
+        lost += 1;
+        let around = (0..diced.triangles()).filter(|&triangle| {
+            let corners = diced.corners(triangle).map(|v| positions[v as usize]);
+            corners.contains(&p)
+        });
+        // Embree's products may be fused or not, by processor.
+        let accepted = [f32::mul_add, |a, b, c| a * b + c].map(|fused| {
+            around.clone().any(|triangle| {
+                let corners = diced.corners(triangle).map(|v| positions[v as usize]);
+                accepts(corners, &ray, fused)
+            })
+        });
+        told += usize::from(!accepted[0] || !accepted[1]);
+    }
+    println!(
+        "{lost} of {} rays slip through, {told} by the edges",
+        positions.len()
+    );
+    assert_eq!(lost, told);
+}
+
+/// Embree's test of the edges (`triangle_intersector_pluecker.h`), in single precision.
+fn accepts(corners: [Vec3; 3], ray: &Ray, fused: fn(f32, f32, f32) -> f32) -> bool {
+    let cross = |a: Vec3, b: Vec3| {
+        let minus = |a: f32, b: f32, c: f32, d: f32| fused(a, b, -(c * d));
+        Vec3::new(
+            minus(a.y, b.z, a.z, b.y),
+            minus(a.z, b.x, a.x, b.z),
+            minus(a.x, b.y, a.y, b.x),
+        )
+    };
+    let dot = |a: Vec3, b: Vec3| fused(a.x, b.x, fused(a.y, b.y, a.z * b.z));
+    let [a, b, c] = corners.map(|p| p - ray.origin);
+    let edges = [(c - a, c + a), (a - b, a + b), (b - c, b + c)];
+    let [u, v, w] = edges.map(|(along, middle)| dot(cross(along, middle), ray.direction));
+    let slack = f32::EPSILON * (u + v + w).abs();
+    u.min(v).min(w) >= -slack || u.max(v).max(w) <= slack
 }
