@@ -1,15 +1,21 @@
-//! Dicing of a closed surface of regular patches, per micro-vertex: `cargo bench --bench dice`.
+//! Dicing of a closed surface of regular patches, per micro-vertex; and the time from a cage of 100,000 faces to the
+//! first ray: `cargo bench --bench dice`.
 #![allow(missing_docs, reason = "criterion's macros make items without docs")]
+
+mod shapes;
 
 use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use relievo::accel::Tessellated;
 use relievo::image::{ColorSpace, ImageSource, Texture, Wrap, write_png};
-use relievo::math::{Bounds3, Vec2, Vec3, Vec4};
+use relievo::math::{Bounds3, Ray, Vec2, Vec3, Vec4};
+use relievo::mesh::{ControlMesh, Scheme};
 use relievo::surface::{
     Amount, Base, Bicubic, Channels, Diced, Displacement, EdgeUse, ImageMap, LimitGrid, LimitPoint,
-    Rates, Space, Surface, Texcoord, UvRect,
+    Rates, Space, Subdivision, Surface, Texcoord, TexcoordGrid, UvRect,
 };
+use relievo::trace::{Device, DeviceOptions, Geometry, Scene, SceneBuilder, SceneOptions};
 
 /// A torus of `SIDE` by `SIDE` uniform bicubic B-spline patches.
 struct Torus(Vec<Bicubic>);
@@ -90,11 +96,23 @@ impl Base for Torus {
             ..Texcoord::default()
         })
     }
-    fn texcoord_grid(&self, face: u32, us: &[f32], vs: &[f32], out: &mut Vec<Vec2>) -> bool {
+    fn texcoord_grid(
+        &self,
+        face: u32,
+        us: &[f32],
+        vs: &[f32],
+        slopes: bool,
+        out: &mut TexcoordGrid,
+    ) -> bool {
         let corner = Vec2::new((face % SIDE) as f32, (face / SIDE) as f32);
         out.clear();
         for &v in vs {
-            out.extend(us.iter().map(|&u| (corner + Vec2::new(u, v)) / SIDE as f32));
+            let row = us.iter().map(|&u| (corner + Vec2::new(u, v)) / SIDE as f32);
+            out.st.extend(row);
+        }
+        if slopes {
+            out.du.resize(out.st.len(), Vec2::X / SIDE as f32);
+            out.dv.resize(out.st.len(), Vec2::Y / SIDE as f32);
         }
         true
     }
@@ -152,5 +170,49 @@ fn dice(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, dice);
+/// From a loaded cage, a torus of which some faces hold extraordinary vertices, to the first hit: limit surface, dicing
+/// at four segments an edge, the scene, one ray. All that is held is freed beyond the time taken.
+fn first_ray(c: &mut Criterion) {
+    const CAGE_SIDE: u32 = 314;
+    let cage = shapes::torus(Scheme::CatmullClark, CAGE_SIDE);
+    let cage = shapes::twisted(cage, CAGE_SIDE, 16);
+    let faces = cage.face_vertex_counts.len();
+    let mut group = c.benchmark_group(format!("first ray, {faces} faces"));
+    group.sample_size(10);
+    group.bench_function("tessellated", |b| {
+        b.iter_with_large_drop(|| {
+            traced(&cage, |device, diced| {
+                let tree = Tessellated::build(Arc::new(diced));
+                Geometry::user(device, Arc::new(tree)).expect("Embree takes a tree")
+            })
+        });
+    });
+    group.bench_function("embree-triangles", |b| {
+        b.iter_with_large_drop(|| {
+            traced(&cage, |device, diced| {
+                Geometry::diced_triangles(device, &diced).expect("Embree takes triangles")
+            })
+        });
+    });
+    group.finish();
+}
+
+fn traced(cage: &ControlMesh, geometry: impl Fn(&Device, Diced) -> Geometry) -> (Surface, Scene) {
+    let base = Subdivision::new(cage, None);
+    let surface = Surface::new(Arc::new(base), Displacement::None);
+    let diced = Diced::new(&surface, &Rates::uniform(&surface, 4));
+    let device = Device::new(&DeviceOptions::default()).expect("Embree starts");
+    let options = SceneOptions {
+        robust: true,
+        compact: false,
+    };
+    let mut builder = SceneBuilder::new(&device, options).expect("Embree makes a scene");
+    builder.attach(geometry(&device, diced));
+    let scene = builder.commit(&|_| true).expect("the scene is small");
+    let ray = Ray::new(Vec3::new(3.0, 0.1, 9.0), Vec3::NEG_Z, 0.0);
+    assert!(scene.intersect(&ray).is_some(), "the ray meets the torus");
+    (surface, scene)
+}
+
+criterion_group!(benches, dice, first_ray);
 criterion_main!(benches);

@@ -13,240 +13,288 @@
 //!
 //! The face is the square 5 6 10 9, or the triangle 4 5 8, with its corners 0, 1, 2 (and 3) in this order.
 
-/// Weights of a patch's points for the position and for each derivative, in the patch's own parameters.
-#[derive(Debug, Clone)]
-pub(super) struct Weights {
-    pub(super) p: [f64; 16],
-    pub(super) u: [f64; 16],
-    pub(super) v: [f64; 16],
-    pub(super) uu: [f64; 16],
-    pub(super) uv: [f64; 16],
-    pub(super) vv: [f64; 16],
-}
-
-impl Weights {
-    const ZERO: Self = Self {
-        p: [0.0; 16],
-        u: [0.0; 16],
-        v: [0.0; 16],
-        uu: [0.0; 16],
-        uv: [0.0; 16],
-        vv: [0.0; 16],
-    };
-}
-
-const SIXTH: f64 = 1.0 / 6.0;
+use super::patch::Real;
 
 /// The uniform cubic B-splines over their middle segment, with first and second derivatives.
-#[inline]
-pub(super) fn cubic(t: f64) -> [[f64; 4]; 3] {
-    let s = 1.0 - t;
+#[inline(always)]
+pub(super) fn cubic<T: Real>(t: f64) -> [[T; 4]; 3] {
+    let [s, t] = [1.0 - t, t].map(T::of);
+    let [half, one, two] = [0.5, 1.0, 2.0].map(T::of);
+    let [sixth, middle, steep, three] = [1.0 / 6.0, 2.0 / 3.0, 1.5, 3.0].map(T::of);
     let (t2, s2) = (t * t, s * s);
     [
         [
-            SIXTH * s2 * s,
-            4.0 * SIXTH - 0.5 * t2 * (1.0 + s),
-            4.0 * SIXTH - 0.5 * s2 * (1.0 + t),
-            SIXTH * t2 * t,
+            sixth * s2 * s,
+            middle - half * t2 * (one + s),
+            middle - half * s2 * (one + t),
+            sixth * t2 * t,
         ],
         [
-            -0.5 * s2,
-            t * (1.5 * t - 2.0),
-            s * (2.0 - 1.5 * s),
-            0.5 * t2,
+            T::of(-0.5) * s2,
+            t * (steep * t - two),
+            s * (two - steep * s),
+            half * t2,
         ],
-        [s, 3.0 * t - 2.0, 1.0 - 3.0 * t, t],
+        [s, three * t - two, one - three * t, t],
     ]
 }
 
-/// Weights of a bicubic B-spline patch.
-pub(super) fn bicubic(u: f64, v: f64) -> Weights {
-    let [bu, du, duu] = cubic(u);
-    let [bv, dv, dvv] = cubic(v);
-    let mut w = Weights::ZERO;
-    for j in 0..4 {
-        for i in 0..4 {
-            let k = 4 * j + i;
-            w.p[k] = bu[i] * bv[j];
-            w.u[k] = du[i] * bv[j];
-            w.v[k] = bu[i] * dv[j];
-            w.uu[k] = duu[i] * bv[j];
-            w.uv[k] = du[i] * dv[j];
-            w.vv[k] = bu[i] * dvv[j];
-        }
-    }
-    w
-}
+/// The points beside the triangle's own three corners, in the order of [`box_spline`].
+pub(super) const AROUND: [usize; 9] = [0, 1, 2, 3, 6, 7, 9, 10, 11];
 
-/// Weights of a bilinear patch over the points 0, 1, 2, 3 around the square.
-pub(super) fn bilinear(u: f64, v: f64) -> Weights {
-    let mut w = Weights::ZERO;
-    let (a, b) = (1.0 - u, 1.0 - v);
-    w.p[..4].copy_from_slice(&[a * b, u * b, u * v, a * v]);
-    w.u[..4].copy_from_slice(&[-b, b, v, -v]);
-    w.v[..4].copy_from_slice(&[-a, -u, u, a]);
-    w.uv[..4].copy_from_slice(&[1.0, -1.0, 1.0, -1.0]);
-    w
-}
+/// The basis functions of the points [`AROUND`] the triangle, with their derivatives by u, v, uu, uv and vv. As the
+/// twelve functions reproduce linear functions, those of the corners follow: the surface is the plane of its corners
+/// plus what these nine add of the points' offsets from that plane.
+///
+/// With the barycentric coordinate w = 1 − u − v, six of them are x³ (x + 2 y) / 12 of two coordinates. Those of the
+/// points opposite a corner are (s³ (2 − s) + 2 q (s² + q)) / 12 of the sum s and the product q of the coordinates of
+/// the other two corners.
+#[inline(always)]
+pub(super) fn box_spline<T: Real>(u: f64, v: f64) -> [[T; 6]; 9] {
+    // Rounded once each: next to an edge or a corner nothing cancels.
+    let [from_u, from_v, s, w] = [1.0 - u, 1.0 - v, u + v, 1.0 - u - v].map(T::of);
+    let [u, v] = [u, v].map(T::of);
+    let [zero, half, two, three] = [0.0, 0.5, 2.0, 3.0].map(T::of);
+    let [sixth, twelfth] = [1.0 / 6.0, 1.0 / 12.0].map(T::of);
+    let minus = |x: T| zero - x;
+    // x² / 6, x³ / 6 and x³ / 12.
+    let powers = |x: T| [sixth * x * x, sixth * x * x * x, twelfth * x * x * x];
+    let ([u2, u3, u3_half], [v2, v3, v3_half], [w2, _, w3_half]) =
+        (powers(u), powers(v), powers(w));
+    let [uw, vw] = [u * w, v * w];
 
-/// Weights of a linear triangle.
-pub(super) fn linear(u: f64, v: f64) -> Weights {
-    let mut w = Weights::ZERO;
-    w.p[..3].copy_from_slice(&[1.0 - u - v, u, v]);
-    w.u[..3].copy_from_slice(&[-1.0, 1.0, 0.0]);
-    w.v[..3].copy_from_slice(&[-1.0, 0.0, 1.0]);
-    w
-}
-
-/// A term c·uᵃ·vᵇ·wᶜ with w = 1 − u − v.
-type Term = (f64, [usize; 3]);
-
-/// Weights of a quartic box spline patch.
-pub(super) fn box_spline(u: f64, v: f64) -> Weights {
-    let mut out = Weights::ZERO;
-    let [p, du, dv] = box_spline_first(u, v);
-    let quadratic = monomials::<2, 6>(u, v);
-    for (out, weights) in [
-        (&mut out.p, p),
-        (&mut out.u, du),
-        (&mut out.v, dv),
-        (&mut out.uu, combine(&SPLINE_UU, &quadratic)),
-        (&mut out.uv, combine(&SPLINE_UV, &quadratic)),
-        (&mut out.vv, combine(&SPLINE_VV, &quadratic)),
-    ] {
-        out[..12].copy_from_slice(&weights);
-    }
-    out
-}
-
-/// Weights of a quartic box spline patch for the position and the first derivatives.
-#[inline]
-pub(super) fn box_spline_first(u: f64, v: f64) -> [[f64; 12]; 3] {
-    let cubic = monomials::<3, 10>(u, v);
+    let third = T::of(1.0 / 3.0);
+    // The function of s and q, its derivatives by s and q, and by s twice.
+    let edge = |s: T, q: T| {
+        let s2 = s * s;
+        [
+            twelfth * (s2 * s * (two - s) + two * q * (s2 + q)),
+            sixth * s * (three * s - two * s2 + two * q),
+            sixth * (s2 + two * q),
+            s - s2 + third * q,
+        ]
+    };
+    // Opposite the corner whose coordinate is 1 − s, if s has no derivative by y: then x is one of the coordinates
+    // and w the other. The derivatives are by x, y, xx, xy and yy.
+    let beside_w = |s: T, y: T| {
+        let [value, by_s, by_q, by_ss] = edge(s, y * w);
+        let across = w - y;
+        [
+            value,
+            minus(by_s + y * by_q),
+            across * by_q,
+            by_ss + third * y * (two * s + y),
+            minus(third * across * (s + y) + by_q),
+            third * across * across - two * by_q,
+        ]
+    };
+    let [p1, v1, u1, vv1, uv1, uu1] = beside_w(from_v, u);
+    let [p9, by_s, by_q, by_ss] = edge(s, u * v);
     [
-        combine(&SPLINE, &monomials::<4, 15>(u, v)),
-        combine(&SPLINE_U, &cubic),
-        combine(&SPLINE_V, &cubic),
+        [
+            w3_half * (w + two * u),
+            minus(w2 * (w + three * u)),
+            minus(w2 * (two * w + three * u)),
+            uw,
+            half * w * (w + two * u),
+            w * (w + u),
+        ],
+        [p1, u1, v1, uu1, uv1, vv1],
+        [
+            u3_half * (u + two * w),
+            u2 * (u + three * w),
+            minus(u3),
+            uw,
+            minus(three * u2),
+            zero,
+        ],
+        [
+            w3_half * (w + two * v),
+            minus(w2 * (two * w + three * v)),
+            minus(w2 * (w + three * v)),
+            w * (w + v),
+            half * w * (w + two * v),
+            vw,
+        ],
+        [
+            u3_half * (u + two * v),
+            u2 * (two * u + three * v),
+            u3,
+            u * s,
+            three * u2,
+            zero,
+        ],
+        beside_w(from_u, v),
+        [
+            p9,
+            by_s + v * by_q,
+            by_s + u * by_q,
+            by_ss + third * v * (two * s + v),
+            by_ss + third * (s * s + u * v) + by_q,
+            by_ss + third * u * (two * s + u),
+        ],
+        [
+            v3_half * (v + two * w),
+            minus(v3),
+            v2 * (v + three * w),
+            zero,
+            minus(three * v2),
+            vw,
+        ],
+        [
+            v3_half * (v + two * u),
+            v3,
+            v2 * (two * v + three * u),
+            zero,
+            three * v2,
+            v * s,
+        ],
     ]
 }
 
-/// For each monomial of one degree the coefficients of the twelve functions.
-type Polynomials<const N: usize> = [[f64; 12]; N];
-
-const SPLINE: Polynomials<15> = tabulate();
-const SPLINE_U: Polynomials<10> = derive::<4, 15, 10>(&SPLINE, 0);
-const SPLINE_V: Polynomials<10> = derive::<4, 15, 10>(&SPLINE, 1);
-const SPLINE_UU: Polynomials<6> = derive::<3, 10, 6>(&SPLINE_U, 0);
-const SPLINE_UV: Polynomials<6> = derive::<3, 10, 6>(&SPLINE_U, 1);
-const SPLINE_VV: Polynomials<6> = derive::<3, 10, 6>(&SPLINE_V, 1);
-
-/// The place of uᵃ·vᵇ·wᶜ among the monomials of this degree.
-const fn monomial(degree: usize, a: usize, b: usize) -> usize {
-    a * (2 * degree + 3 - a) / 2 + b
+/// Weights of all points of a bicubic patch for the position.
+pub(super) fn bicubic_weights(u: f64, v: f64) -> [f64; 16] {
+    let ([bu, ..], [bv, ..]) = (cubic::<f64>(u), cubic::<f64>(v));
+    std::array::from_fn(|i| bu[i % 4] * bv[i / 4])
 }
 
-/// All monomials of a degree, as [`monomial`] numbers them.
-fn monomials<const DEGREE: usize, const N: usize>(u: f64, v: f64) -> [f64; N] {
-    let w = 1.0 - u - v;
-    let mut powers = [[1.0; 3]; 5];
-    for i in 1..=DEGREE {
-        powers[i] = [
-            powers[i - 1][0] * u,
-            powers[i - 1][1] * v,
-            powers[i - 1][2] * w,
-        ];
-    }
-    let mut out = [0.0; N];
-    let mut k = 0;
-    for a in 0..=DEGREE {
-        for b in 0..=DEGREE - a {
-            out[k] = powers[a][0] * powers[b][1] * powers[DEGREE - a - b][2];
-            k += 1;
-        }
-    }
-    out
-}
-
-fn combine<const N: usize>(table: &Polynomials<N>, monomials: &[f64; N]) -> [f64; 12] {
+/// Weights of all points of a quartic box spline patch for the position.
+pub(super) fn box_spline_weights(u: f64, v: f64) -> [f64; 12] {
     let mut out = [0.0; 12];
-    for (row, &x) in table.iter().zip(monomials) {
-        for (out, &c) in out.iter_mut().zip(row) {
-            *out += c * x;
-        }
+    [out[4], out[5], out[8]] = [1.0 - u - v, u, v];
+    for (slot, [weight, ..]) in AROUND.into_iter().zip(box_spline::<f64>(u, v)) {
+        // The point's own coordinates: minus what the corners would make there.
+        let [x, y] = LATTICE[slot];
+        out[slot] = weight;
+        out[4] -= weight * (1.0 - x - y);
+        out[5] -= weight * x;
+        out[8] -= weight * y;
     }
     out
 }
 
-const fn tabulate() -> Polynomials<15> {
-    let mut out = [[0.0; 12]; 15];
-    let mut i = 0;
-    while i < 12 {
-        let mut k = 0;
-        while k < BOX_SPLINE[i].len() {
-            let (c, [a, b, _]) = BOX_SPLINE[i][k];
-            out[monomial(4, a, b)][i] = c / 12.0;
-            k += 1;
-        }
-        i += 1;
-    }
-    out
-}
-
-/// The derivatives by u (`axis` 0) or v (1) of polynomials of this degree. By the chain rule w' = −1.
-const fn derive<const DEGREE: usize, const N: usize, const M: usize>(
-    table: &Polynomials<N>,
-    axis: usize,
-) -> Polynomials<M> {
-    let mut out = [[0.0; 12]; M];
-    let mut a = 0;
-    while a <= DEGREE {
-        let mut b = 0;
-        while b <= DEGREE - a {
-            let powers = [a, b];
-            let c = DEGREE - a - b;
-            let mut i = 0;
-            while i < 12 {
-                let term = table[monomial(DEGREE, a, b)][i];
-                if powers[axis] > 0 {
-                    let lower = monomial(DEGREE - 1, a - (1 - axis), b - axis);
-                    out[lower][i] += powers[axis] as f64 * term;
-                }
-                if c > 0 {
-                    out[monomial(DEGREE - 1, a, b)][i] -= c as f64 * term;
-                }
-                i += 1;
-            }
-            b += 1;
-        }
-        a += 1;
-    }
-    out
-}
-
-/// The basis functions times 12 as homogeneous quartics in u, v and w: what Loop's rules make of one point of a regular
-/// lattice, interpolated exactly at fifteen limit points. (Stam, *Evaluation of Loop Subdivision Surfaces*, 1998,
-/// tabulates them with other corners.)
-#[rustfmt::skip]
-const BOX_SPLINE: [&[Term]; 12] = [
-    &[(1.0, [0, 0, 4]), (2.0, [1, 0, 3])],
-    &[(1.0, [0, 0, 4]), (2.0, [0, 1, 3]), (6.0, [1, 0, 3]), (6.0, [1, 1, 2]), (12.0, [2, 0, 2]), (6.0, [2, 1, 1]),
-      (6.0, [3, 0, 1]), (2.0, [3, 1, 0]), (1.0, [4, 0, 0])],
-    &[(2.0, [3, 0, 1]), (1.0, [4, 0, 0])],
-    &[(1.0, [0, 0, 4]), (2.0, [0, 1, 3])],
-    &[(6.0, [0, 0, 4]), (24.0, [0, 1, 3]), (24.0, [0, 2, 2]), (8.0, [0, 3, 1]), (1.0, [0, 4, 0]), (24.0, [1, 0, 3]),
-      (60.0, [1, 1, 2]), (36.0, [1, 2, 1]), (6.0, [1, 3, 0]), (24.0, [2, 0, 2]), (36.0, [2, 1, 1]), (12.0, [2, 2, 0]),
-      (8.0, [3, 0, 1]), (6.0, [3, 1, 0]), (1.0, [4, 0, 0])],
-    &[(1.0, [0, 0, 4]), (6.0, [0, 1, 3]), (12.0, [0, 2, 2]), (6.0, [0, 3, 1]), (1.0, [0, 4, 0]), (8.0, [1, 0, 3]),
-      (36.0, [1, 1, 2]), (36.0, [1, 2, 1]), (8.0, [1, 3, 0]), (24.0, [2, 0, 2]), (60.0, [2, 1, 1]), (24.0, [2, 2, 0]),
-      (24.0, [3, 0, 1]), (24.0, [3, 1, 0]), (6.0, [4, 0, 0])],
-    &[(2.0, [3, 1, 0]), (1.0, [4, 0, 0])],
-    &[(1.0, [0, 0, 4]), (6.0, [0, 1, 3]), (12.0, [0, 2, 2]), (6.0, [0, 3, 1]), (1.0, [0, 4, 0]), (2.0, [1, 0, 3]),
-      (6.0, [1, 1, 2]), (6.0, [1, 2, 1]), (2.0, [1, 3, 0])],
-    &[(1.0, [0, 0, 4]), (8.0, [0, 1, 3]), (24.0, [0, 2, 2]), (24.0, [0, 3, 1]), (6.0, [0, 4, 0]), (6.0, [1, 0, 3]),
-      (36.0, [1, 1, 2]), (60.0, [1, 2, 1]), (24.0, [1, 3, 0]), (12.0, [2, 0, 2]), (36.0, [2, 1, 1]), (24.0, [2, 2, 0]),
-      (6.0, [3, 0, 1]), (8.0, [3, 1, 0]), (1.0, [4, 0, 0])],
-    &[(2.0, [0, 3, 1]), (1.0, [0, 4, 0]), (6.0, [1, 2, 1]), (6.0, [1, 3, 0]), (6.0, [2, 1, 1]), (12.0, [2, 2, 0]),
-      (2.0, [3, 0, 1]), (6.0, [3, 1, 0]), (1.0, [4, 0, 0])],
-    &[(2.0, [0, 3, 1]), (1.0, [0, 4, 0])],
-    &[(1.0, [0, 4, 0]), (2.0, [1, 3, 0])],
+/// Where the points of a regular box spline patch lie, in its parameters.
+pub(super) const LATTICE: [[f64; 2]; 12] = [
+    [0.0, -1.0],
+    [1.0, -1.0],
+    [2.0, -1.0],
+    [-1.0, 0.0],
+    [0.0, 0.0],
+    [1.0, 0.0],
+    [2.0, 0.0],
+    [-1.0, 1.0],
+    [0.0, 1.0],
+    [1.0, 1.0],
+    [-1.0, 2.0],
+    [0.0, 2.0],
 ];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A term c·uᵃ·vᵇ·wᶜ with w = 1 − u − v.
+    type Term = (f64, [i32; 3]);
+
+    /// The basis functions times 12 as homogeneous quartics in u, v and w: what Loop's rules make of one point of a regular
+    /// lattice, interpolated exactly at fifteen limit points. (Stam, *Evaluation of Loop Subdivision Surfaces*, 1998,
+    /// tabulates them with other corners.)
+    #[rustfmt::skip]
+    const BOX_SPLINE: [&[Term]; 12] = [
+        &[(1.0, [0, 0, 4]), (2.0, [1, 0, 3])],
+        &[(1.0, [0, 0, 4]), (2.0, [0, 1, 3]), (6.0, [1, 0, 3]), (6.0, [1, 1, 2]), (12.0, [2, 0, 2]), (6.0, [2, 1, 1]),
+          (6.0, [3, 0, 1]), (2.0, [3, 1, 0]), (1.0, [4, 0, 0])],
+        &[(2.0, [3, 0, 1]), (1.0, [4, 0, 0])],
+        &[(1.0, [0, 0, 4]), (2.0, [0, 1, 3])],
+        &[(6.0, [0, 0, 4]), (24.0, [0, 1, 3]), (24.0, [0, 2, 2]), (8.0, [0, 3, 1]), (1.0, [0, 4, 0]), (24.0, [1, 0, 3]),
+          (60.0, [1, 1, 2]), (36.0, [1, 2, 1]), (6.0, [1, 3, 0]), (24.0, [2, 0, 2]), (36.0, [2, 1, 1]), (12.0, [2, 2, 0]),
+          (8.0, [3, 0, 1]), (6.0, [3, 1, 0]), (1.0, [4, 0, 0])],
+        &[(1.0, [0, 0, 4]), (6.0, [0, 1, 3]), (12.0, [0, 2, 2]), (6.0, [0, 3, 1]), (1.0, [0, 4, 0]), (8.0, [1, 0, 3]),
+          (36.0, [1, 1, 2]), (36.0, [1, 2, 1]), (8.0, [1, 3, 0]), (24.0, [2, 0, 2]), (60.0, [2, 1, 1]), (24.0, [2, 2, 0]),
+          (24.0, [3, 0, 1]), (24.0, [3, 1, 0]), (6.0, [4, 0, 0])],
+        &[(2.0, [3, 1, 0]), (1.0, [4, 0, 0])],
+        &[(1.0, [0, 0, 4]), (6.0, [0, 1, 3]), (12.0, [0, 2, 2]), (6.0, [0, 3, 1]), (1.0, [0, 4, 0]), (2.0, [1, 0, 3]),
+          (6.0, [1, 1, 2]), (6.0, [1, 2, 1]), (2.0, [1, 3, 0])],
+        &[(1.0, [0, 0, 4]), (8.0, [0, 1, 3]), (24.0, [0, 2, 2]), (24.0, [0, 3, 1]), (6.0, [0, 4, 0]), (6.0, [1, 0, 3]),
+          (36.0, [1, 1, 2]), (60.0, [1, 2, 1]), (24.0, [1, 3, 0]), (12.0, [2, 0, 2]), (36.0, [2, 1, 1]), (24.0, [2, 2, 0]),
+          (6.0, [3, 0, 1]), (8.0, [3, 1, 0]), (1.0, [4, 0, 0])],
+        &[(2.0, [0, 3, 1]), (1.0, [0, 4, 0]), (6.0, [1, 2, 1]), (6.0, [1, 3, 0]), (6.0, [2, 1, 1]), (12.0, [2, 2, 0]),
+          (2.0, [3, 0, 1]), (6.0, [3, 1, 0]), (1.0, [4, 0, 0])],
+        &[(2.0, [0, 3, 1]), (1.0, [0, 4, 0])],
+        &[(1.0, [0, 4, 0]), (2.0, [1, 3, 0])],
+    ];
+
+    /// The function of a point and its derivatives by u, v, uu, uv and vv, by the table.
+    fn tabulated(slot: usize, u: f64, v: f64) -> [f64; 6] {
+        // Coefficients of a polynomial with their powers, derived term by term; w' = −1.
+        let derive = |terms: &[Term], axis: usize| -> Vec<Term> {
+            terms
+                .iter()
+                .flat_map(|&(c, powers)| {
+                    [(axis, 1.0), (2, -1.0)].map(|(i, sign)| {
+                        let mut lower = powers;
+                        lower[i] -= 1;
+                        (c * sign * f64::from(powers[i]), lower)
+                    })
+                })
+                .filter(|&(c, _)| c != 0.0)
+                .collect()
+        };
+        let value = |terms: &[Term]| -> f64 {
+            let at = [u, v, 1.0 - u - v];
+            let term =
+                |&(c, powers): &Term| c * (0..3).map(|i| at[i].powi(powers[i])).product::<f64>();
+            terms.iter().map(term).sum::<f64>() / 12.0
+        };
+        let p = BOX_SPLINE[slot];
+        let (du, dv) = (derive(p, 0), derive(p, 1));
+        let second = [derive(&du, 0), derive(&du, 1), derive(&dv, 1)];
+        let [uu, uv, vv] = second.map(|terms| value(&terms));
+        [value(p), value(&du), value(&dv), uu, uv, vv]
+    }
+
+    const PLACES: [[f64; 2]; 7] = [
+        [0.0, 0.0],
+        [1.0, 0.0],
+        [0.0, 1.0],
+        [0.5, 0.5],
+        [0.2, 0.3],
+        [0.7, 0.1],
+        [0.05, 0.9],
+    ];
+
+    #[test]
+    fn closed_forms_are_the_functions_of_the_table() {
+        for [u, v] in PLACES {
+            for (slot, found) in AROUND.into_iter().zip(box_spline::<f64>(u, v)) {
+                let expected = tabulated(slot, u, v);
+                for i in 0..6 {
+                    let off = (found[i] - expected[i]).abs();
+                    assert!(off < 1e-14, "{slot} {i} at {u} {v}: {found:?} {expected:?}");
+                }
+            }
+            for (slot, weight) in box_spline_weights(u, v).into_iter().enumerate() {
+                let expected = tabulated(slot, u, v)[0];
+                assert!((weight - expected).abs() < 1e-14, "{slot} at {u} {v}");
+            }
+        }
+    }
+
+    #[test]
+    fn cubic_derivatives_are_those_of_the_values() {
+        const STEP: f64 = 1e-5;
+        for t in [0.1, 0.5, 0.8] {
+            let [low, at, high] = [t - STEP, t, t + STEP].map(cubic::<f64>);
+            for i in 0..4 {
+                for order in 0..2 {
+                    let slope = (high[order][i] - low[order][i]) / (2.0 * STEP);
+                    assert!(
+                        (slope - at[order + 1][i]).abs() < 1e-9,
+                        "{i} {order} at {t}"
+                    );
+                }
+            }
+            assert!((at[0].iter().sum::<f64>() - 1.0).abs() < 1e-15);
+        }
+    }
+}

@@ -3,6 +3,7 @@
 use super::crease;
 use super::patch::{self, LimitPoint, PatchKind, Real};
 use super::stencils::Stencils;
+use crate::math::DVec4;
 
 /// What repeated steps led to.
 pub(super) enum Found {
@@ -21,14 +22,26 @@ pub(super) enum Found {
 
 impl Found {
     pub(super) fn finish<T: Real>(&self, kind: PatchKind, outer: [f64; 2]) -> LimitPoint<T> {
-        let three = |p: &[f64]| [p[0], p[1], p[2]];
-        let point = match self {
+        let three = |p: &[f64]| [p[0], p[1], p[2]].map(T::of);
+        match self {
             Self::Patch {
                 points, u, v, size, ..
             } => {
-                let mut point = patch::evaluate(kind, |i| three(&points[3 * i..]), *u, *v);
-                scale(&mut point, [0, 1].map(|i| size[i] * outer[i]));
-                point
+                let lanes = |i: usize| {
+                    let p = &points[3 * i..];
+                    DVec4::new(p[0], p[1], p[2], 0.0)
+                };
+                let scale = [0, 1].map(|i| size[i] * outer[i]);
+                let point = patch::second_order(kind, lanes, [*u, *v], scale);
+                let convert = |p: [f64; 3]| p.map(T::of);
+                LimitPoint {
+                    position: convert(point.position),
+                    du: convert(point.du),
+                    dv: convert(point.dv),
+                    duu: convert(point.duu),
+                    duv: convert(point.duv),
+                    dvv: convert(point.dvv),
+                }
             }
             Self::Corner { position, tangents } => LimitPoint {
                 position: three(position),
@@ -36,15 +49,6 @@ impl Found {
                 dv: three(&tangents[1]),
                 ..LimitPoint::default()
             },
-        };
-        let convert = |p: [f64; 3]| p.map(T::of);
-        LimitPoint {
-            position: convert(point.position),
-            du: convert(point.du),
-            dv: convert(point.dv),
-            duu: convert(point.duu),
-            duv: convert(point.duv),
-            dvv: convert(point.dvv),
         }
     }
 
@@ -58,7 +62,7 @@ impl Found {
                 ..
             } => {
                 let weights = kind.weights(*u, *v);
-                for (point, &w) in points.chunks_exact(*width).zip(&weights.p) {
+                for (point, &w) in points.chunks_exact(*width).zip(&weights) {
                     for (out, &x) in out.iter_mut().zip(point) {
                         *out += w * x;
                     }
@@ -123,19 +127,6 @@ pub(super) fn descend_strip(
         u: uv[0],
         v: uv[1],
         size,
-    }
-}
-
-pub(super) fn scale<T: Real>(point: &mut LimitPoint<T>, [su, sv]: [f64; 2]) {
-    for (p, s) in [
-        (&mut point.du, su),
-        (&mut point.dv, sv),
-        (&mut point.duu, su * su),
-        (&mut point.duv, su * sv),
-        (&mut point.dvv, sv * sv),
-    ] {
-        let s = T::of(s);
-        *p = p.map(|x| x * s);
     }
 }
 

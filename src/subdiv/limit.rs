@@ -23,7 +23,7 @@ use std::collections::HashMap;
 use rayon::prelude::*;
 
 use super::cage::Cage;
-use super::descent::{Found, descend_strip, pick, run, scale, weigh};
+use super::descent::{Found, descend_strip, pick, run, weigh};
 use super::parameters::{by_parameters, clamp, corner_at, quarter};
 use super::patch::{self, FirstOrder, LimitPoint, PatchKind, Real};
 use super::plan::{Node, Plan, STORED_SPLITS};
@@ -65,7 +65,7 @@ const HOLE: u32 = u32::MAX;
 #[derive(Debug, Clone)]
 pub struct Field<T> {
     width: usize,
-    /// The vertices' values, then those of the faces' own points.
+    /// The vertices' values, then those of the faces' own points, and one number more: points are read by fours.
     values: Vec<T>,
 }
 
@@ -133,8 +133,8 @@ impl LimitSurface {
             self.vertices * width,
             "values of all vertices"
         );
-        values.reserve_exact(self.own_points * width);
-        values.resize((self.vertices + self.own_points) * width, T::default());
+        values.reserve_exact(self.own_points * width + 1);
+        values.resize((self.vertices + self.own_points) * width + 1, T::default());
         // Faces own consecutive stretches, so each can be filled by itself.
         let (vertices, mut rest) = values.split_at_mut(self.vertices * width);
         let vertices = &*vertices;
@@ -183,33 +183,23 @@ impl LimitSurface {
     /// Parameters outside of the face are moved to its border.
     ///
     /// # Panics
-    /// If the face is a hole.
+    /// If the face is a hole, or the field is not of three components.
     pub fn evaluate<T: Real>(&self, field: &Field<T>, face: u32, u: f64, v: f64) -> LimitPoint<T> {
-        debug_assert_eq!(field.width, 3);
+        assert_eq!(field.width, 3);
         let place = self.find(face, u, v);
-        let point = |i: u32| -> [T; 3] {
-            let p = place.value(field, i);
-            [p[0], p[1], p[2]]
-        };
-        let mut out = match place.part {
-            Part::Patch => patch::evaluate(self.kind, |i| point(place.points[i]), place.u, place.v),
-            Part::Split(step) => {
-                let ring = self.steps.get(step).ring as usize;
-                let points = place.points[..ring]
-                    .iter()
-                    .flat_map(|&i| point(i).map(Real::get));
-                let found = self.descend(step, points.collect(), 3, place.u, place.v);
-                return found.finish::<T>(self.kind, place.scale);
+        match place.part {
+            Part::Patch => {
+                let point = |i| place.lanes(field, i);
+                patch::second_order(self.kind, point, [place.u, place.v], place.scale)
             }
-        };
-        scale(&mut out, place.scale);
-        out
+            Part::Split(step) => self.split(field, &place, step),
+        }
     }
 
     /// As [`evaluate`](Self::evaluate) without second derivatives, and faster.
     ///
     /// # Panics
-    /// If the face is a hole.
+    /// If the face is a hole, or the field is not of three components.
     pub fn first_order<T: Real>(
         &self,
         field: &Field<T>,
@@ -219,20 +209,13 @@ impl LimitSurface {
     ) -> FirstOrder<T> {
         assert_eq!(field.width, 3);
         let place = self.find(face, u, v);
-        if let Part::Split(_) = place.part {
-            return self.evaluate(field, face, u, v).into();
+        match place.part {
+            Part::Patch => {
+                let point = |i| place.lanes(field, i);
+                patch::first_order(self.kind, point, [place.u, place.v], place.scale)
+            }
+            Part::Split(step) => self.split(field, &place, step).into(),
         }
-        let (values, _) = field.values.as_chunks::<3>();
-        let mut points = [[T::default(); 4]; 16];
-        for (out, &point) in points.iter_mut().zip(&place.points[..self.kind.points()]) {
-            let [x, y, z] = values[place.index(point)];
-            *out = [x, y, z, T::default()];
-        }
-        let mut out = patch::first_order(self.kind, &points, place.u, place.v);
-        for (d, scale) in [&mut out.du, &mut out.dv].into_iter().zip(place.scale) {
-            *d = d.map(|x| x * T::of(scale));
-        }
-        out
     }
 
     /// The value of a field of any width at (u, v) on a Ptex face.
@@ -247,7 +230,7 @@ impl LimitSurface {
         match place.part {
             Part::Patch => {
                 let weights = self.kind.weights(place.u, place.v);
-                for (&i, &w) in place.points.iter().zip(&weights.p[..self.kind.points()]) {
+                for (&i, &w) in place.points.iter().zip(&weights[..self.kind.points()]) {
                     for (sum, x) in sum.iter_mut().zip(place.value(field, i)) {
                         *sum += w * x.get();
                     }
@@ -449,7 +432,7 @@ impl LimitSurface {
     }
 
     /// The part of the face's plan that (u, v) is in.
-    #[inline]
+    #[inline(always)]
     fn find(&self, face: u32, u: f64, v: f64) -> Place<'_> {
         let face = self.faces[face as usize];
         assert_ne!(face.plan, HOLE, "evaluation of a hole");
@@ -492,6 +475,17 @@ impl LimitSurface {
             v,
             scale: size,
         }
+    }
+
+    /// Evaluates by what is left to be split.
+    #[cold]
+    fn split<T: Real>(&self, field: &Field<T>, place: &Place<'_>, step: u32) -> LimitPoint<T> {
+        let ring = self.steps.get(step).ring as usize;
+        let points = place.points[..ring]
+            .iter()
+            .flat_map(|&i| place.value(field, i).iter().map(|x| x.get()));
+        let found = self.descend(step, points.collect(), 3, place.u, place.v);
+        found.finish(self.kind, place.scale)
     }
 
     /// Repeats a step until (u, v) lies in a patch. `points` are those of the step's ring.
@@ -581,12 +575,26 @@ enum Part {
 
 impl Place<'_> {
     /// The number of a point of the plan in a field.
+    #[inline(always)]
     fn index(&self, point: u32) -> usize {
-        let index = match self.ring.get(point as usize) {
-            Some(&vertex) => vertex,
-            None => self.own + (point - self.ring.len() as u32),
-        };
-        index as usize
+        // Both are worked out: which of them it is, a processor cannot foresee.
+        let vertex = self.ring[(point as usize).min(self.ring.len() - 1)];
+        let own = self
+            .own
+            .wrapping_add(point.wrapping_sub(self.ring.len() as u32));
+        let is_own = point as usize >= self.ring.len();
+        (if is_own { own } else { vertex }) as usize
+    }
+
+    /// Point `i` of a patch.
+    #[inline(always)]
+    fn lanes<T: Real>(&self, field: &Field<T>, i: usize) -> T::Lanes {
+        let values = &field.values[3 * self.index(self.points[i])..];
+        T::lanes(
+            *values
+                .first_chunk()
+                .expect("a number more than the points have"),
+        )
     }
 
     fn value<'f, T>(&self, field: &'f Field<T>, point: u32) -> &'f [T] {

@@ -1,9 +1,11 @@
-//! Evaluating polynomial patches: sums of their points by the weights of [`super::basis`].
+//! Evaluating polynomial patches: sums of their points by the functions of [`super::basis`].
+//!
+//! Points have a lane to spare, so that sums are of whole registers.
 
-use std::ops::{Add, AddAssign, Mul};
+use std::ops::{Add, AddAssign, Mul, Sub};
 
 use super::basis;
-use crate::math::DVec3;
+use crate::math::{DVec3, DVec4, Vec4};
 
 /// A floating-point type to store and evaluate in: single for rendering, double for reference.
 ///
@@ -12,29 +14,69 @@ use crate::math::DVec3;
 /// extraordinary vertex. On faces a few hundredths of the mesh wide that is 1e-3 of a derivative's length or of a unit
 /// normal.
 pub trait Real:
-    Copy + Send + Sync + Default + Add<Output = Self> + Mul<Output = Self> + AddAssign + 'static
+    Copy
+    + Send
+    + Sync
+    + Default
+    + Add<Output = Self>
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + AddAssign
+    + 'static
 {
+    /// A point with a lane to spare, in which anything may be.
+    type Lanes: Copy
+        + Default
+        + Add<Output = Self::Lanes>
+        + Sub<Output = Self::Lanes>
+        + Mul<Self, Output = Self::Lanes>;
     /// The nearest value.
     fn of(value: f64) -> Self;
     /// The same value in double precision.
     fn get(self) -> f64;
+    /// Four numbers as lanes.
+    fn lanes(four: [Self; 4]) -> Self::Lanes;
+    /// The first three of them.
+    fn three(lanes: Self::Lanes) -> [Self; 3];
 }
 
 impl Real for f32 {
+    type Lanes = Vec4;
+    #[inline]
     fn of(value: f64) -> Self {
         value as Self
     }
+    #[inline]
     fn get(self) -> f64 {
         f64::from(self)
+    }
+    #[inline]
+    fn lanes(four: [Self; 4]) -> Vec4 {
+        Vec4::from_array(four)
+    }
+    #[inline]
+    fn three(lanes: Vec4) -> [Self; 3] {
+        lanes.truncate().to_array()
     }
 }
 
 impl Real for f64 {
+    type Lanes = DVec4;
+    #[inline]
     fn of(value: f64) -> Self {
         value
     }
+    #[inline]
     fn get(self) -> f64 {
         self
+    }
+    #[inline]
+    fn lanes(four: [Self; 4]) -> DVec4 {
+        DVec4::from_array(four)
+    }
+    #[inline]
+    fn three(lanes: DVec4) -> [Self; 3] {
+        lanes.truncate().to_array()
     }
 }
 
@@ -90,17 +132,6 @@ pub struct FirstOrder<T> {
     pub dv: [T; 3],
 }
 
-impl<T: Real> FirstOrder<T> {
-    fn of_lanes([position, du, dv]: [Lanes<T>; 3]) -> Self {
-        let three = |[x, y, z, _]: Lanes<T>| [x, y, z];
-        Self {
-            position: three(position),
-            du: three(du),
-            dv: three(dv),
-        }
-    }
-}
-
 impl<T> From<LimitPoint<T>> for FirstOrder<T> {
     fn from(point: LimitPoint<T>) -> Self {
         Self {
@@ -122,6 +153,7 @@ pub(super) enum PatchKind {
 
 impl PatchKind {
     /// How many points it has.
+    #[inline]
     pub(super) fn points(self) -> usize {
         match self {
             Self::Bicubic => 16,
@@ -132,136 +164,160 @@ impl PatchKind {
     }
 
     /// Whether its face is a triangle.
+    #[inline]
     pub(super) fn is_triangular(self) -> bool {
         matches!(self, Self::BoxSpline | Self::Linear)
     }
 
-    /// The weights of the points for position and derivatives.
-    pub(super) fn weights(self, u: f64, v: f64) -> basis::Weights {
+    /// The weights of the points for the position; what is beyond them is 0.
+    pub(super) fn weights(self, u: f64, v: f64) -> [f64; 16] {
+        let mut weights = [0.0; 16];
         match self {
-            Self::Bicubic => basis::bicubic(u, v),
-            Self::BoxSpline => basis::box_spline(u, v),
-            Self::Bilinear => basis::bilinear(u, v),
-            Self::Linear => basis::linear(u, v),
+            Self::Bicubic => weights = basis::bicubic_weights(u, v),
+            Self::BoxSpline => weights[..12].copy_from_slice(&basis::box_spline_weights(u, v)),
+            Self::Bilinear => {
+                let (a, b) = (1.0 - u, 1.0 - v);
+                weights[..4].copy_from_slice(&[a * b, u * b, u * v, a * v]);
+            }
+            Self::Linear => weights[..3].copy_from_slice(&[1.0 - u - v, u, v]),
+        }
+        weights
+    }
+}
+
+/// Evaluates a patch whose points `point` gives, all derivatives with it. These are multiplied by `scale`.
+#[inline(always)]
+pub(super) fn second_order<T: Real>(
+    kind: PatchKind,
+    point: impl Fn(usize) -> T::Lanes,
+    [u, v]: [f64; 2],
+    scale: [f64; 2],
+) -> LimitPoint<T> {
+    let [position, du, dv, duu, duv, dvv] = evaluate::<T, true>(kind, point, u, v);
+    let [su, sv] = scale;
+    let by = |factor: f64, d: T::Lanes| T::three(d).map(|x| T::of(factor) * x);
+    LimitPoint {
+        position: T::three(position),
+        du: by(su, du),
+        dv: by(sv, dv),
+        duu: by(su * su, duu),
+        duv: by(su * sv, duv),
+        dvv: by(sv * sv, dvv),
+    }
+}
+
+/// As [`second_order`] with first derivatives only.
+#[inline(always)]
+pub(super) fn first_order<T: Real>(
+    kind: PatchKind,
+    point: impl Fn(usize) -> T::Lanes,
+    [u, v]: [f64; 2],
+    scale: [f64; 2],
+) -> FirstOrder<T> {
+    let [position, du, dv, ..] = evaluate::<T, false>(kind, point, u, v);
+    let by = |factor: f64, d: T::Lanes| T::three(d).map(|x| T::of(factor) * x);
+    FirstOrder {
+        position: T::three(position),
+        du: by(scale[0], du),
+        dv: by(scale[1], dv),
+    }
+}
+
+/// Position and derivatives by u, v, uu, uv and vv; the last three are 0 without `SECOND`.
+#[inline(always)]
+fn evaluate<T: Real, const SECOND: bool>(
+    kind: PatchKind,
+    point: impl Fn(usize) -> T::Lanes,
+    u: f64,
+    v: f64,
+) -> [T::Lanes; 6] {
+    let zero = T::Lanes::default();
+    match kind {
+        PatchKind::Bicubic => bicubic::<T, SECOND>(gather::<T, _>(point), u, v),
+        PatchKind::BoxSpline => box_spline::<T, SECOND>(gather::<T, _>(point), u, v),
+        PatchKind::Bilinear => {
+            let [a, b, c, d] = [0, 1, 2, 3].map(point);
+            let [u, v] = [u, v].map(T::of);
+            let (low, left) = (b - a, d - a);
+            let duv = c - d - low;
+            let du = low + duv * v;
+            let dv = left + duv * u;
+            [a + left * v + du * u, du, dv, zero, duv, zero]
+        }
+        PatchKind::Linear => {
+            let [a, b, c] = [0, 1, 2].map(point);
+            let (du, dv) = (b - a, c - a);
+            let position = a + du * T::of(u) + dv * T::of(v);
+            [position, du, dv, zero, zero, zero]
         }
     }
 }
 
-/// Evaluates a patch whose point `i` is `point(i)`.
-pub(super) fn evaluate<T: Real>(
-    kind: PatchKind,
-    point: impl Fn(usize) -> [T; 3],
-    u: f64,
-    v: f64,
-) -> LimitPoint<T> {
-    match kind {
-        PatchKind::Bicubic => bicubic(point, u, v),
-        _ => {
-            let w = kind.weights(u, v);
-            let mut out = LimitPoint::default();
-            for i in 0..kind.points() {
-                let p = point(i);
-                for (sum, weight) in [
-                    (&mut out.position, w.p[i]),
-                    (&mut out.du, w.u[i]),
-                    (&mut out.dv, w.v[i]),
-                    (&mut out.duu, w.uu[i]),
-                    (&mut out.duv, w.uv[i]),
-                    (&mut out.dvv, w.vv[i]),
-                ] {
-                    add(sum, T::of(weight), p);
-                }
-            }
-            out
-        }
+/// All points of a patch: a loop, as calls for each of them would cost more than the loads.
+#[inline(always)]
+fn gather<T: Real, const N: usize>(point: impl Fn(usize) -> T::Lanes) -> [T::Lanes; N] {
+    let mut points = [T::Lanes::default(); N];
+    for (i, p) in points.iter_mut().enumerate() {
+        *p = point(i);
     }
+    points
 }
 
 /// Rows first, then their sums: fewer products than by sixteen weights.
-fn bicubic<T: Real>(point: impl Fn(usize) -> [T; 3], u: f64, v: f64) -> LimitPoint<T> {
-    let [bu, du, duu] = basis::cubic(u).map(|w| w.map(T::of));
-    let [bv, dv, dvv] = basis::cubic(v).map(|w| w.map(T::of));
-    let mut out = LimitPoint::default();
+#[inline(always)]
+fn bicubic<T: Real, const SECOND: bool>(points: [T::Lanes; 16], u: f64, v: f64) -> [T::Lanes; 6] {
+    let [bu, du, duu] = basis::cubic::<T>(u);
+    let [bv, dv, dvv] = basis::cubic::<T>(v);
+    let zero = T::Lanes::default();
+    let sum = |w: [T; 4], [a, b, c, d]: [T::Lanes; 4]| a * w[0] + b * w[1] + (c * w[2] + d * w[3]);
+    let mut rows = [[zero; 4]; 3];
     for j in 0..4 {
-        let mut p = [T::default(); 3];
-        let mut pu = [T::default(); 3];
-        let mut puu = [T::default(); 3];
-        for i in 0..4 {
-            let q = point(4 * j + i);
-            add(&mut p, bu[i], q);
-            add(&mut pu, du[i], q);
-            add(&mut puu, duu[i], q);
+        let row = [0, 1, 2, 3].map(|i| points[4 * j + i]);
+        rows[0][j] = sum(bu, row);
+        rows[1][j] = sum(du, row);
+        if SECOND {
+            rows[2][j] = sum(duu, row);
         }
-        add(&mut out.position, bv[j], p);
-        add(&mut out.du, bv[j], pu);
-        add(&mut out.duu, bv[j], puu);
-        add(&mut out.dv, dv[j], p);
-        add(&mut out.duv, dv[j], pu);
-        add(&mut out.dvv, dvv[j], p);
+    }
+    let [p, pu, puu] = rows;
+    let second = if SECOND {
+        [sum(bv, puu), sum(dv, pu), sum(dvv, p)]
+    } else {
+        [zero; 3]
+    };
+    [
+        sum(bv, p),
+        sum(bv, pu),
+        sum(dv, p),
+        second[0],
+        second[1],
+        second[2],
+    ]
+}
+
+/// The plane of the corners, and the other points' offsets from it: see [`basis::box_spline`].
+#[inline(always)]
+fn box_spline<T: Real, const SECOND: bool>(p: [T::Lanes; 12], u: f64, v: f64) -> [T::Lanes; 6] {
+    let [a, b, c] = [p[4], p[5], p[8]];
+    let (ab, ac, cb) = (b - a, c - a, b - c);
+    let offsets = [
+        p[0] - a + ac,
+        p[1] - b + ac,
+        p[2] - b - cb,
+        p[3] - a + ab,
+        p[6] - b - ab,
+        p[7] - c + ab,
+        p[9] - b - ac,
+        p[10] - c + cb,
+        p[11] - c - ac,
+    ];
+    let zero = T::Lanes::default();
+    let position = a + ab * T::of(u) + ac * T::of(v);
+    let mut out = [position, ab, ac, zero, zero, zero];
+    for (offset, weights) in offsets.into_iter().zip(basis::box_spline::<T>(u, v)) {
+        for order in 0..if SECOND { 6 } else { 3 } {
+            out[order] = out[order] + offset * weights[order];
+        }
     }
     out
-}
-
-/// A point with a lane to spare: four fill a register.
-pub(super) type Lanes<T> = [T; 4];
-
-/// Evaluates a patch over the first of these points, with first derivatives only.
-pub(super) fn first_order<T: Real>(
-    kind: PatchKind,
-    points: &[Lanes<T>; 16],
-    u: f64,
-    v: f64,
-) -> FirstOrder<T> {
-    match kind {
-        PatchKind::Bicubic => bicubic_first(points, u, v),
-        PatchKind::BoxSpline => weighted(points, &basis::box_spline_first(u, v)),
-        PatchKind::Bilinear | PatchKind::Linear => {
-            let w = kind.weights(u, v);
-            weighted(points, &[w.p, w.u, w.v])
-        }
-    }
-}
-
-fn bicubic_first<T: Real>(points: &[Lanes<T>; 16], u: f64, v: f64) -> FirstOrder<T> {
-    let [bu, du, _] = basis::cubic(u).map(|w| w.map(T::of));
-    let [bv, dv, _] = basis::cubic(v).map(|w| w.map(T::of));
-    let mut sums = [[T::default(); 4]; 3];
-    for j in 0..4 {
-        let row: &[Lanes<T>] = &points[4 * j..4 * j + 4];
-        let mut p = [T::default(); 4];
-        let mut pu = [T::default(); 4];
-        for i in 0..4 {
-            add_lanes(&mut p, bu[i], row[i]);
-            add_lanes(&mut pu, du[i], row[i]);
-        }
-        add_lanes(&mut sums[0], bv[j], p);
-        add_lanes(&mut sums[1], bv[j], pu);
-        add_lanes(&mut sums[2], dv[j], p);
-    }
-    FirstOrder::of_lanes(sums)
-}
-
-fn weighted<T: Real, const N: usize>(
-    points: &[Lanes<T>; 16],
-    [p, du, dv]: &[[f64; N]; 3],
-) -> FirstOrder<T> {
-    let mut sums = [[T::default(); 4]; 3];
-    for i in 0..N {
-        add_lanes(&mut sums[0], T::of(p[i]), points[i]);
-        add_lanes(&mut sums[1], T::of(du[i]), points[i]);
-        add_lanes(&mut sums[2], T::of(dv[i]), points[i]);
-    }
-    FirstOrder::of_lanes(sums)
-}
-
-fn add_lanes<T: Real>(sum: &mut Lanes<T>, weight: T, p: Lanes<T>) {
-    for (s, x) in sum.iter_mut().zip(p) {
-        *s += weight * x;
-    }
-}
-
-fn add<T: Real>(sum: &mut [T; 3], weight: T, p: [T; 3]) {
-    for (s, x) in sum.iter_mut().zip(p) {
-        *s += weight * x;
-    }
 }

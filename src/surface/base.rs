@@ -80,14 +80,21 @@ pub trait Base: Send + Sync {
         None
     }
 
-    /// The texture coordinates at all pairs of `us` and `vs`, as for [`evaluate_grid`](Self::evaluate_grid). False if
-    /// the surface has none.
-    fn texcoord_grid(&self, face: u32, us: &[f32], vs: &[f32], out: &mut Vec<Vec2>) -> bool {
+    /// The texture coordinates at all pairs of `us` and `vs`, as for [`evaluate_grid`](Self::evaluate_grid), and if
+    /// asked for their first derivatives. False if the surface has none.
+    fn texcoord_grid(
+        &self,
+        face: u32,
+        us: &[f32],
+        vs: &[f32],
+        slopes: bool,
+        out: &mut TexcoordGrid,
+    ) -> bool {
         out.clear();
         for &v in vs {
             for &u in us {
                 match self.texcoord(face, Vec2::new(u, v)) {
-                    Some(texcoord) => out.push(texcoord.st),
+                    Some(texcoord) => out.push(&texcoord, slopes),
                     None => return false,
                 }
             }
@@ -155,6 +162,47 @@ pub struct Texcoord {
     pub duv: Vec2,
     /// Second derivative by v twice.
     pub dvv: Vec2,
+}
+
+impl Texcoord {
+    /// What stands in for the texture coordinates of a surface that has none: the parameters.
+    pub(super) fn of_parameters(uv: Vec2) -> Self {
+        Self {
+            st: uv,
+            du: Vec2::X,
+            dv: Vec2::Y,
+            ..Self::default()
+        }
+    }
+}
+
+/// Texture coordinates at points of a face.
+#[derive(Debug, Clone, Default)]
+pub struct TexcoordGrid {
+    /// The coordinates.
+    pub st: Vec<Vec2>,
+    /// First derivatives by u, where they were asked for; else none.
+    pub du: Vec<Vec2>,
+    /// First derivatives by v, likewise.
+    pub dv: Vec<Vec2>,
+}
+
+impl TexcoordGrid {
+    /// Leaves no points.
+    pub fn clear(&mut self) {
+        self.st.clear();
+        self.du.clear();
+        self.dv.clear();
+    }
+
+    /// Adds a point, with its first derivatives if there are to be `slopes`.
+    pub fn push(&mut self, texcoord: &Texcoord, slopes: bool) {
+        self.st.push(texcoord.st);
+        if slopes {
+            self.du.push(texcoord.du);
+            self.dv.push(texcoord.dv);
+        }
+    }
 }
 
 /// Limit points of a face with first derivatives, coordinate by coordinate so that loops over them vectorise.

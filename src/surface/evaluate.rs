@@ -121,7 +121,12 @@ impl Surface {
             }
             Some(Space::Tangent) => {
                 let [nu, nv] = normal_derivatives(&limit, n, self.front);
-                let frame = Tangents::new(limit.du, limit.dv, n, self.front, &texcoord);
+                let frame = Tangents::new(
+                    [limit.du, limit.dv],
+                    n,
+                    self.front,
+                    [texcoord.du, texcoord.dv],
+                );
                 let ([tu, bu], [tv, bv]) = frame.derivatives(&limit, n, [nu, nv], &texcoord);
                 let in_frame = |d: Vec3| d.x * frame.t + d.y * frame.b + d.z * n;
                 (
@@ -222,12 +227,8 @@ impl Surface {
 
     /// Texture coordinates, or the parameters in their place.
     pub(super) fn texcoord(&self, face: u32, uv: Vec2) -> Texcoord {
-        self.base.texcoord(face, uv).unwrap_or(Texcoord {
-            st: uv,
-            du: Vec2::X,
-            dv: Vec2::Y,
-            ..Texcoord::default()
-        })
+        let given = self.base.texcoord(face, uv);
+        given.unwrap_or_else(|| Texcoord::of_parameters(uv))
     }
 
     pub(super) fn count_non_finite(&self, count: u64) {
@@ -340,14 +341,12 @@ pub(super) struct Tangents {
 }
 
 impl Tangents {
-    pub(super) fn new(du: Vec3, dv: Vec3, n: Vec3, front: f32, st: &Texcoord) -> Self {
+    /// At a point with these derivatives and unit normal, and these derivatives of the texture coordinates.
+    #[inline]
+    pub(super) fn new([du, dv]: [Vec3; 2], n: Vec3, front: f32, [st_u, st_v]: [Vec2; 2]) -> Self {
         // Along s, t stays as it is: P_s is parallel to Pu tv - Pv tu.
-        let sign = if st.du.perp_dot(st.dv) < 0.0 {
-            -1.0
-        } else {
-            1.0
-        };
-        let along = sign * (du * st.dv.y - dv * st.du.y);
+        let sign = if st_u.perp_dot(st_v) < 0.0 { -1.0 } else { 1.0 };
+        let along = sign * (du * st_v.y - dv * st_u.y);
         let length = along.length();
         if length > 0.0 && length.is_finite() {
             let t = along / length;

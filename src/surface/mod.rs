@@ -20,7 +20,7 @@ mod subdivision;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, UvRect, edge_uv};
+pub use base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect, edge_uv};
 pub use bicubic::Bicubic;
 pub use dice::{Diced, FaceGrid};
 pub use displace::{

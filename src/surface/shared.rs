@@ -10,7 +10,7 @@
 
 use rayon::prelude::*;
 
-use super::base::{LimitGrid, edge_uv};
+use super::base::{LimitGrid, Texcoord, TexcoordGrid, edge_uv};
 use super::displace::{Amount, Displacement, DisplacementPoint, MapGrid, Space};
 use super::evaluate::{SINE, Surface, Tangents, unit_normal};
 use super::rates::Rates;
@@ -23,7 +23,7 @@ pub struct Scratch {
     pub(super) vs: Vec<f32>,
     limit: LimitGrid,
     normal: [Vec<f32>; 3],
-    st: Vec<Vec2>,
+    texcoords: TexcoordGrid,
     /// Displacements; limit point plus displacement is the displaced point.
     moved: Vec<Vec3>,
     sum: Vec<Vec3>,
@@ -283,13 +283,18 @@ impl Surface {
         };
         unit_normals(&scratch.limit, self.front, &mut scratch.normal);
         self.settle_degenerate(face, key, scratch, space != Some(Space::Object));
-        let Scratch { us, vs, st, .. } = scratch;
-        if !(self.has_texcoords() && self.base().texcoord_grid(face, us, vs, st)) {
-            st.clear();
-            st.extend(
-                vs.iter()
-                    .flat_map(|&v| us.iter().map(move |&u| Vec2::new(u, v))),
-            );
+        let Scratch {
+            us, vs, texcoords, ..
+        } = scratch;
+        let slopes = space == Some(Space::Tangent);
+        let base = self.base();
+        if !(self.has_texcoords() && base.texcoord_grid(face, us, vs, slopes, texcoords)) {
+            texcoords.clear();
+            for &v in vs.iter() {
+                for &u in us.iter() {
+                    texcoords.push(&Texcoord::of_parameters(Vec2::new(u, v)), slopes);
+                }
+            }
         }
         self.displacements(face, key, amount, space, scratch);
     }
@@ -324,7 +329,7 @@ impl Surface {
             vs,
             limit,
             normal: [x, y, z],
-            st,
+            texcoords: TexcoordGrid { st, du, dv },
             moved,
             ..
         } = scratch;
@@ -352,9 +357,8 @@ impl Surface {
                 None => d.x * normal,
                 Some(Space::Object) => d,
                 Some(Space::Tangent) => {
-                    let [du, dv] = limit.derivatives(i);
-                    let texcoord = self.texcoord(face, uv(i));
-                    let frame = Tangents::new(du, dv, normal, self.front, &texcoord);
+                    let [pu, pv] = limit.derivatives(i);
+                    let frame = Tangents::new([pu, pv], normal, self.front, [du[i], dv[i]]);
                     d.x * frame.t + d.y * frame.b + d.z * normal
                 }
             };

@@ -2,10 +2,10 @@
 //!
 //! Faces are Ptex faces, or the [parts](super::parts) of them where a mesh has faces that are not quads;
 //! [`Subdivision::ptex_uv`] goes back. Where a face is one polynomial patch, grids come from its Bezier form; elsewhere
-//! each point is evaluated alone.
+//! each point is evaluated alone, without second derivatives.
 
 use super::Bicubic;
-use super::base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, UvRect};
+use super::base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect};
 use super::parts::{Part, Shape, parts};
 use super::rates::Rates;
 use crate::math::{Bounds3, Vec2, Vec3};
@@ -118,6 +118,41 @@ impl Subdivision {
             Shape::Quarter(corner) => turned(&patch, corner),
             _ => patch,
         })
+    }
+
+    /// Points and first derivatives at all pairs of parameters, u running faster.
+    fn grid(
+        &self,
+        limit: &LimitSurface,
+        field: &Field<f32>,
+        face: u32,
+        [us, vs]: [&[f32]; 2],
+        out: &mut LimitGrid,
+    ) {
+        if let Some(patch) = self.patch(limit, field, face) {
+            patch.grid(us, vs, out);
+            return;
+        }
+        out.resize(us.len() * vs.len());
+        let part = &self.parts[face as usize];
+        for (row, &v) in vs.iter().enumerate() {
+            for (column, &u) in us.iter().enumerate() {
+                let placed = part.shape.place(Vec2::new(u, v));
+                let p = limit.first_order(field, part.ptex, placed.uv[0], placed.uv[1]);
+                let [position, du, dv] = [p.position, p.du, p.dv].map(Vec3::from);
+                let point = LimitPoint {
+                    position,
+                    du,
+                    dv,
+                    ..LimitPoint::default()
+                };
+                let point = match part.shape {
+                    Shape::Whole => point,
+                    _ => placed.pull_back(&point),
+                };
+                out.set(row * us.len() + column, &point);
+            }
+        }
     }
 
     fn limit_point(
@@ -274,17 +309,8 @@ impl Base for Subdivision {
     }
 
     fn evaluate_grid(&self, face: u32, us: &[f32], vs: &[f32], key: u32, out: &mut LimitGrid) {
-        if let Some(patch) = self.patch(&self.limit, &self.points[key as usize], face) {
-            patch.grid(us, vs, out);
-            return;
-        }
-        out.resize(us.len() * vs.len());
-        for (row, &v) in vs.iter().enumerate() {
-            for (column, &u) in us.iter().enumerate() {
-                let point = self.evaluate(face, Vec2::new(u, v), key);
-                out.set(row * us.len() + column, &point);
-            }
-        }
+        let points = &self.points[key as usize];
+        self.grid(&self.limit, points, face, [us, vs], out);
     }
 
     fn hull(&self, face: u32, rect: &UvRect, key: u32) -> Bounds3 {
@@ -321,25 +347,28 @@ impl Base for Subdivision {
         })
     }
 
-    fn texcoord_grid(&self, face: u32, us: &[f32], vs: &[f32], out: &mut Vec<Vec2>) -> bool {
+    fn texcoord_grid(
+        &self,
+        face: u32,
+        us: &[f32],
+        vs: &[f32],
+        slopes: bool,
+        out: &mut TexcoordGrid,
+    ) -> bool {
         out.clear();
         let Some(texcoords) = &self.texcoords else {
             return false;
         };
         let limit = texcoords.limit.as_ref().unwrap_or(&self.limit);
-        if let Some(patch) = self.patch(limit, &texcoords.st, face) {
-            let mut grid = LimitGrid::default();
-            patch.grid(us, vs, &mut grid);
-            out.extend((0..grid.len()).map(|i| grid.position(i).truncate()));
-            return true;
-        }
-        for &v in vs {
-            let row = us.iter().map(|&u| {
-                self.limit_point(limit, &texcoords.st, face, Vec2::new(u, v))
-                    .position
-                    .truncate()
-            });
-            out.extend(row);
+        let mut grid = LimitGrid::default();
+        self.grid(limit, &texcoords.st, face, [us, vs], &mut grid);
+        for i in 0..grid.len() {
+            out.st.push(grid.position(i).truncate());
+            if slopes {
+                let [du, dv] = grid.derivatives(i).map(Vec3::truncate);
+                out.du.push(du);
+                out.dv.push(dv);
+            }
         }
         true
     }

@@ -65,26 +65,29 @@ template <class Real> struct Surface {
             table->GetLocalPointStencilTable<Real>()->UpdateValues(points.data(), points.data() + refined);
     }
 
-    // Position and both derivatives at each place, nine numbers; how many places are on the surface.
-    int evaluate(int count, int const *faces, Real const *uvs, Real *out) const {
+    // At each place the position and the derivatives by u and v, and if N is 6 those by uu, uv and vv; how many places
+    // are on the surface.
+    template <int N> int evaluate(int count, int const *faces, Real const *uvs, Real *out) const {
         int found = 0;
-        Real w[20], wu[20], wv[20];
-        for (int i = 0; i < count; ++i, out += 9) {
+        Real w[6][20];
+        for (int i = 0; i < count; ++i, out += 3 * N) {
             Real u = uvs[2 * i], v = uvs[2 * i + 1];
             Far::PatchTable::PatchHandle const *handle = map->FindPatch(faces[i], u, v);
             if (!handle) continue;
             ++found;
-            table->EvaluateBasis(*handle, u, v, w, wu, wv);
+            if (N == 3)
+                table->EvaluateBasis(*handle, u, v, w[0], w[1], w[2]);
+            else
+                table->EvaluateBasis(*handle, u, v, w[0], w[1], w[2], w[3], w[4], w[5]);
             Far::ConstIndexArray cvs = table->GetPatchVertices(*handle);
-            Point<Real> p, du, dv;
-            p.Clear(), du.Clear(), dv.Clear();
+            Point<Real> sums[N];
+            for (int n = 0; n < N; ++n) sums[n].Clear();
             for (int k = 0; k < cvs.size(); ++k) {
                 Point<Real> const &q = points[cvs[k]];
-                p.AddWithWeight(q, w[k]);
-                du.AddWithWeight(q, wu[k]);
-                dv.AddWithWeight(q, wv[k]);
+                for (int n = 0; n < N; ++n) sums[n].AddWithWeight(q, w[n][k]);
             }
-            for (int k = 0; k < 3; ++k) out[k] = p.x[k], out[3 + k] = du.x[k], out[6 + k] = dv.x[k];
+            for (int n = 0; n < N; ++n)
+                for (int k = 0; k < 3; ++k) out[3 * n + k] = sums[n].x[k];
         }
         return found;
     }
@@ -100,6 +103,12 @@ void *create(int loop, int vertices, int faces, int const *counts, int const *in
     }
 }
 
+template <class Real>
+int evaluate(void const *surface, int second, int count, int const *faces, Real const *uvs, Real *out) {
+    auto const &s = *static_cast<Surface<Real> const *>(surface);
+    return second ? s.template evaluate<6>(count, faces, uvs, out) : s.template evaluate<3>(count, faces, uvs, out);
+}
+
 } // namespace
 
 extern "C" {
@@ -112,11 +121,13 @@ void *far_border_create_f64(int loop, int vertices, int faces, int const *counts
                             float const *positions, int level) {
     return create<double>(loop, vertices, faces, counts, indices, positions, level);
 }
-int far_border_evaluate_f32(void const *surface, int count, int const *faces, float const *uvs, float *out) {
-    return static_cast<Surface<float> const *>(surface)->evaluate(count, faces, uvs, out);
+int far_border_evaluate_f32(void const *surface, int second, int count, int const *faces, float const *uvs,
+                            float *out) {
+    return evaluate(surface, second, count, faces, uvs, out);
 }
-int far_border_evaluate_f64(void const *surface, int count, int const *faces, double const *uvs, double *out) {
-    return static_cast<Surface<double> const *>(surface)->evaluate(count, faces, uvs, out);
+int far_border_evaluate_f64(void const *surface, int second, int count, int const *faces, double const *uvs,
+                            double *out) {
+    return evaluate(surface, second, count, faces, uvs, out);
 }
 void far_border_delete_f32(void *surface) { delete static_cast<Surface<float> *>(surface); }
 void far_border_delete_f64(void *surface) { delete static_cast<Surface<double> *>(surface); }

@@ -55,18 +55,22 @@ impl<T: Real> Far<T> {
         }
     }
 
-    /// Position and both derivatives at each place (face, parameters).
+    /// At each place (face, parameters) the position and the derivatives by u and v, and if `N` is 6 those by uu, uv
+    /// and vv.
     ///
     /// # Panics
-    /// If lengths differ, a face does not exist or a place is not on the surface.
-    pub fn evaluate(&self, faces: &[i32], uvs: &[[T; 2]], out: &mut [[[T; 3]; 3]]) {
+    /// If `N` is neither 3 nor 6, lengths differ, a face does not exist or a place is not on the surface.
+    pub fn evaluate<const N: usize>(&self, faces: &[i32], uvs: &[[T; 2]], out: &mut [[[T; 3]; N]]) {
+        assert!(N == 3 || N == 6);
         assert!(faces.len() == uvs.len() && faces.len() == out.len());
         assert!(faces.iter().all(|&f| (0..self.ptex_faces).contains(&f)));
         let count = c_int::try_from(faces.len()).expect("a number of 31 bits");
-        // SAFETY: `surface` lives as long as `self`; the three arrays hold `count` places each, as asserted.
+        // SAFETY: `surface` lives as long as `self`; the three arrays hold `count` places each, as asserted, and
+        // a place in `out` has 18 numbers where second derivatives are asked for, else 9.
         let found = unsafe {
             T::evaluate(
                 self.surface.as_ptr(),
+                c_int::from(N == 6),
                 count,
                 faces.as_ptr(),
                 uvs.as_ptr().cast(),
@@ -101,9 +105,11 @@ mod sealed {
             level: c_int,
         ) -> *mut c_void;
         /// # Safety
-        /// `surface` is one of this precision; arrays hold `count` places.
+        /// `surface` is one of this precision; arrays hold `count` places, `out` 18 numbers for each if `second` is
+        /// not 0, else 9.
         unsafe fn evaluate(
             surface: *const c_void,
+            second: c_int,
             count: c_int,
             faces: *const c_int,
             uvs: *const Self,
@@ -128,6 +134,7 @@ mod sealed {
                 ) -> *mut c_void;
                 fn $evaluate(
                     surface: *const c_void,
+                    second: c_int,
                     count: c_int,
                     faces: *const c_int,
                     uvs: *const $real,
@@ -157,13 +164,14 @@ mod sealed {
                 // SAFETY: the trait says what the caller promises.
                 unsafe fn evaluate(
                     surface: *const c_void,
+                    second: c_int,
                     count: c_int,
                     faces: *const c_int,
                     uvs: *const Self,
                     out: *mut Self,
                 ) -> c_int {
                     // SAFETY: as the caller promises.
-                    unsafe { $evaluate(surface, count, faces, uvs, out) }
+                    unsafe { $evaluate(surface, second, count, faces, uvs, out) }
                 }
                 // SAFETY: the trait says what the caller promises.
                 unsafe fn delete(surface: *mut c_void) {
