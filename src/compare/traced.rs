@@ -3,50 +3,13 @@
 use std::sync::Arc;
 
 use super::Fineness;
-use crate::accel::{Intersector, Tessellated};
 use crate::error::Result;
 use crate::math::{Affine3A, Bounds3, Ray, Vec3};
 use crate::mesh::Topology;
 use crate::shade::camera::Camera;
-use crate::surface::{Diced, Dicing, Places, Rates, Subdivision, Surface};
-use crate::trace::{
-    self, Device, Geometry, Scene, SceneBuilder, SceneHit, SceneOptions, diced_grid_uv,
-    diced_triangle_uv,
-};
-use crate::world::Object;
-
-/// A way of tracing a surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// Embree's own subdivision geometry.
-    EmbreeSubdivision,
-    /// Our micro-triangles as Embree's triangles.
-    EmbreeTriangles,
-    /// Our micro-triangles as Embree's grids.
-    EmbreeGrid,
-    /// Our micro-triangles in a plain tree of our own.
-    Tessellated,
-}
-
-impl Method {
-    /// All of them.
-    pub const ALL: [Self; 4] = [
-        Self::EmbreeSubdivision,
-        Self::EmbreeTriangles,
-        Self::EmbreeGrid,
-        Self::Tessellated,
-    ];
-
-    /// Its name on the command line and in reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::EmbreeSubdivision => "embree-subdivision",
-            Self::EmbreeTriangles => "embree-triangles",
-            Self::EmbreeGrid => "embree-grid",
-            Self::Tessellated => "tessellated",
-        }
-    }
-}
+use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
+use crate::trace::{self, Device, Geometry, Scene, SceneBuilder, SceneHit, SceneOptions};
+use crate::world::{HitPlaces, Method, Object};
 
 /// A mesh of the scene with its surface.
 pub(super) struct Prepared {
@@ -109,31 +72,19 @@ impl Prepared {
 
     /// Builds a method's scene of this mesh alone.
     pub(super) fn build(&self, method: Method, rates: &Rates, device: &Device) -> Result<Traced> {
-        let mut bytes = 0;
-        let mut diced = None;
-        let geometry = if method == Method::EmbreeSubdivision {
+        let (geometry, places, mut bytes) = if method == Method::EmbreeSubdivision {
             let corners = self.base.corner_rates(&self.topology, rates);
             let corners = corners.into_iter().map(|rate| rate as f32).collect();
             let options = self
                 .object
                 .subdivision_options(trace::Rates::PerCorner(corners));
-            Geometry::subdivision(device, self.object.mesh.clone(), options)?
+            let mesh = self.object.mesh.clone();
+            (Geometry::subdivision(device, mesh, options)?, None, 0)
         } else {
-            let made = diced.insert(Arc::new(Diced::new(&self.surface, rates)));
-            match method {
-                Method::EmbreeGrid => Geometry::diced_grids(device, made)?,
-                Method::Tessellated => {
-                    let tree = Arc::new(Tessellated::build(made.clone()));
-                    bytes += tree.memory();
-                    Geometry::user(device, tree)?
-                }
-                _ => Geometry::diced_triangles(device, made)?,
-            }
+            let built = method.build(&self.surface, rates, device)?;
+            (built.geometry, Some(built.places), built.bytes)
         };
         bytes += geometry.memory();
-        if let (Some(diced), Method::EmbreeTriangles | Method::EmbreeGrid) = (&diced, method) {
-            bytes += size_of_val(diced.grids());
-        }
         let options = SceneOptions {
             robust: true,
             compact: false,
@@ -141,9 +92,8 @@ impl Prepared {
         let mut builder = SceneBuilder::new(device, options)?;
         builder.attach(geometry);
         Ok(Traced {
-            method,
             scene: Arc::new(builder.commit(&|_| true)?),
-            diced,
+            places,
             surface: self.surface.clone(),
             left_handed: self.object.mesh.left_handed,
             bytes,
@@ -153,9 +103,9 @@ impl Prepared {
 
 /// A surface built for a method.
 pub(super) struct Traced {
-    pub(super) method: Method,
     pub(super) scene: Arc<Scene>,
-    diced: Option<Arc<Diced>>,
+    /// None for Embree's subdivision.
+    places: Option<HitPlaces>,
     surface: Arc<Surface>,
     left_handed: bool,
     /// Held beside Embree's.
@@ -165,17 +115,13 @@ pub(super) struct Traced {
 impl Traced {
     /// The unit normal of the smooth displaced surface at a hit.
     pub(super) fn normal(&self, hit: &SceneHit) -> Vec3 {
-        let (face, uv) = match (&self.diced, self.method) {
-            (Some(diced), Method::EmbreeTriangles) => diced_triangle_uv(diced, hit),
-            (Some(diced), Method::EmbreeGrid) => diced_grid_uv(diced, hit),
-            (Some(_), _) => (hit.face, hit.uv),
-            (None, _) => {
-                let geometry = self.scene.geometry(hit.geometry);
-                let point = geometry.displaced_point(hit.primitive, hit.uv, 0.0);
-                let sign = if self.left_handed { -1.0 } else { 1.0 };
-                return sign * point.du.cross(point.dv).normalize_or_zero();
-            }
+        let Some(places) = &self.places else {
+            let geometry = self.scene.geometry(hit.geometry);
+            let point = geometry.displaced_point(hit.primitive, hit.uv, 0.0);
+            let sign = if self.left_handed { -1.0 } else { 1.0 };
+            return sign * point.du.cross(point.dv).normalize_or_zero();
         };
+        let (face, uv) = places.face_uv(hit);
         self.surface.evaluate(face, uv, 0).normal
     }
 

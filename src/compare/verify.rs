@@ -10,14 +10,14 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Method, Prepared, Traced, prepare};
+use super::traced::{Prepared, Traced, prepare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Ray, Vec3};
 use crate::render::camera;
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::objects;
+use crate::world::{Method, objects};
 
 /// How many times as fine references are, along an edge.
 const FINER: u32 = 4;

@@ -104,6 +104,22 @@ pub trait Base: Send + Sync {
     fn memory(&self) -> usize;
 }
 
+/// A limit surface with the values that its file gives it: what shading asks of it. Primvars have numbers, their
+/// slots.
+pub trait Carrier: Base {
+    /// The file's face that a face is a part of.
+    fn parent(&self, face: u32) -> u32;
+
+    /// The first components of a primvar, as many as `out` is long and at most as many as it has.
+    ///
+    /// # Panics
+    /// If there is no such slot, or it has fewer components.
+    fn primvar(&self, slot: usize, face: u32, uv: Vec2, out: &mut [f32]);
+
+    /// Two components of a primvar with their derivatives; nothing if it has fewer, or is the same all over a face.
+    fn primvar_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord>;
+}
+
 /// One side of an edge.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EdgeUse {

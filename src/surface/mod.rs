@@ -8,6 +8,7 @@ mod adjacency;
 mod base;
 mod bicubic;
 mod bounds;
+mod carried;
 mod dice;
 mod displace;
 mod evaluate;
@@ -20,9 +21,9 @@ mod subdivision;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, UvRect, edge_uv};
+pub use base::{Base, Carrier, EdgeUse, LimitGrid, LimitPoint, Texcoord, UvRect, edge_uv};
 pub use bicubic::Bicubic;
-pub use dice::{Diced, FaceGrid};
+pub use dice::{Diced, FaceGrid, Grids};
 pub use displace::{
     Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,
     Space,

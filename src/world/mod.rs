@@ -5,6 +5,7 @@ mod dicing;
 mod estimate;
 mod geometry;
 mod interaction;
+mod method;
 mod objects;
 mod patch;
 mod shape;
@@ -14,6 +15,7 @@ pub use build::{BuildOptions, Built};
 pub use dicing::Dicing;
 pub use estimate::micro_triangles;
 pub use interaction::Interaction;
+pub use method::{HitPlaces, Method, TracedSurface};
 pub use objects::{Object, objects};
 
 use crate::accel::Hit;

@@ -4,15 +4,15 @@ use super::*;
 use crate::accel::Tessellated;
 use crate::accel::tests::{aims_at_vertex, brute_force, leak_ray, random_ray};
 use crate::math::{Bounds3, Vec2};
-use crate::surface::Diced;
 use crate::surface::tests::shapes::Random;
 use crate::surface::tests::{closed, displacements, effort, mixed, surface};
+use crate::surface::{Diced, Grids};
 
 /// A way to trace, and how it finds the face.
 struct Method {
     name: &'static str,
     geometry: fn(&Device, &Arc<Diced>) -> Result<Geometry>,
-    place: fn(&Diced, &SceneHit) -> (u32, Vec2),
+    place: fn(&Grids, &SceneHit) -> (u32, Vec2),
     /// Whether its own uv is compared: that of user geometries is already the face's.
     tolerance: f32,
 }
@@ -68,7 +68,7 @@ fn every_method_meets_the_micro_triangles() {
                             (Some((t, triangle, inside)), Some(hit)) => {
                                 let wrong = (t - f64::from(hit.t)).abs();
                                 assert!(wrong < 1e-4, "{name}: {t} {hit:?}");
-                                let (face, uv) = (method.place)(&diced, &hit);
+                                let (face, uv) = (method.place)(diced.shared_grids(), &hit);
                                 let (grid, _) = diced.locate(triangle);
                                 if inside < 1e-3 {
                                     // It may be the neighbour's.

@@ -1,0 +1,131 @@
+//! Ways of tracing a surface: their names, how each is built, and from its hits back to the face.
+
+use std::sync::Arc;
+
+use crate::accel::{Intersector, Tessellated};
+use crate::error::Result;
+use crate::math::Vec2;
+use crate::surface::{Diced, Grids, Rates, Surface};
+use crate::trace::{Device, Geometry, SceneHit, diced_grid_uv, diced_triangle_uv};
+
+/// A way of tracing a surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Embree's own subdivision geometry.
+    EmbreeSubdivision,
+    /// Our micro-triangles as Embree's triangles.
+    #[default]
+    EmbreeTriangles,
+    /// Our micro-triangles as Embree's grids.
+    EmbreeGrid,
+    /// Our micro-triangles in a plain tree of our own.
+    Tessellated,
+}
+
+/// A surface built for a method.
+pub struct TracedSurface {
+    /// What Embree traces.
+    pub geometry: Geometry,
+    /// How a hit tells where on the surface it is.
+    pub places: HitPlaces,
+    /// Bytes held beside Embree's.
+    pub bytes: usize,
+}
+
+/// From a hit to the face, and the parameters on it.
+pub enum HitPlaces {
+    /// The hit's primitive is a micro-triangle.
+    Triangles(Arc<Grids>),
+    /// The hit's primitive is a grid.
+    Grids(Arc<Grids>),
+    /// The hit has them itself.
+    OfHit,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::EmbreeSubdivision,
+        Self::EmbreeTriangles,
+        Self::EmbreeGrid,
+        Self::Tessellated,
+    ];
+
+    /// Its name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::EmbreeSubdivision => "embree-subdivision",
+            Self::EmbreeTriangles => "embree-triangles",
+            Self::EmbreeGrid => "embree-grid",
+            Self::Tessellated => "tessellated",
+        }
+    }
+
+    /// What it is, in a line.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::EmbreeSubdivision => "Embree's subdivision surfaces, displaced by its callback",
+            Self::EmbreeTriangles => "micro-triangles in Embree",
+            Self::EmbreeGrid => "micro-triangles as Embree's grids: less memory",
+            Self::Tessellated => "micro-triangles in a plain tree of our own: slow",
+        }
+    }
+
+    /// Bytes that a micro-triangle takes while its object is built, trees and all, at each motion key: what
+    /// `relievo bench` measures, and a part more for what is gone when the build is over.
+    pub fn bytes_per_micro_triangle(self) -> u64 {
+        match self {
+            Self::EmbreeSubdivision => 22,
+            Self::EmbreeTriangles => 130,
+            Self::EmbreeGrid => 40,
+            Self::Tessellated => 70,
+        }
+    }
+
+    /// Builds a surface. Embree's subdivision knows control meshes, but not our surfaces: under its name they become
+    /// Embree's triangles.
+    ///
+    /// # Errors
+    /// If there are more micro-triangles than the method can number, or memory runs out.
+    pub fn build(self, surface: &Surface, rates: &Rates, device: &Device) -> Result<TracedSurface> {
+        let diced = Arc::new(Diced::new(surface, rates));
+        let (geometry, places, bytes) = match self {
+            Self::EmbreeSubdivision | Self::EmbreeTriangles => {
+                let grids = diced.shared_grids().clone();
+                let bytes = grids.memory();
+                let geometry = Geometry::diced_triangles(device, &diced)?;
+                (geometry, HitPlaces::Triangles(grids), bytes)
+            }
+            Self::EmbreeGrid => {
+                let grids = diced.shared_grids().clone();
+                let bytes = grids.memory();
+                let geometry = Geometry::diced_grids(device, &diced)?;
+                (geometry, HitPlaces::Grids(grids), bytes)
+            }
+            Self::Tessellated => {
+                let tree = Arc::new(Tessellated::build(diced));
+                let bytes = tree.memory();
+                (Geometry::user(device, tree)?, HitPlaces::OfHit, bytes)
+            }
+        };
+        Ok(TracedSurface {
+            geometry,
+            places,
+            bytes,
+        })
+    }
+}
+
+impl HitPlaces {
+    /// The face of the surface's base and the parameters on it.
+    ///
+    /// # Panics
+    /// If the hit is on another geometry.
+    pub fn face_uv(&self, hit: &SceneHit) -> (u32, Vec2) {
+        match self {
+            Self::Triangles(grids) => diced_triangle_uv(grids, hit),
+            Self::Grids(grids) => diced_grid_uv(grids, hit),
+            Self::OfHit => (hit.face, hit.uv),
+        }
+    }
+}
