@@ -110,6 +110,12 @@ pub trait Carrier: Base {
     /// The file's face that a face is a part of.
     fn parent(&self, face: u32) -> u32;
 
+    /// The slot of the primvar of this name, if the surface carries one of at least `width` components.
+    fn slot(&self, name: &str, width: usize) -> Option<usize>;
+
+    /// Whether the primvar of a slot is what [`Base::texcoord`] gives.
+    fn is_texcoord(&self, slot: usize) -> bool;
+
     /// The first components of a primvar, as many as `out` is long and at most as many as it has.
     ///
     /// # Panics

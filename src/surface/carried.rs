@@ -71,6 +71,15 @@ impl Carried {
         })
     }
 
+    /// Components.
+    pub(super) fn width(&self) -> usize {
+        match self {
+            Self::Constant(value) => value.len(),
+            Self::Uniform(primvar) => primvar.width as usize,
+            Self::Varying(varying) => varying.width,
+        }
+    }
+
     pub(super) fn memory(&self) -> usize {
         match self {
             Self::Constant(value) => size_of_val(value.as_slice()),

@@ -75,6 +75,16 @@ impl Surface {
         &*self.base
     }
 
+    /// Whether it has no border: two faces at each edge, and no holes.
+    pub fn is_closed(&self) -> bool {
+        let two = |edge| self.adjacency.edge(edge).len() == 2;
+        let mut edges = (0..self.base.faces()).flat_map(|face| (0..4).map(move |k| (face, k)));
+        edges.all(|(face, k)| {
+            !self.base.is_hole(face)
+                && (self.base.is_collapsed(face, k) || two(self.base.edge(face, k).edge))
+        })
+    }
+
     /// How it is displaced.
     pub fn displacement(&self) -> &Displacement {
         &self.displacement

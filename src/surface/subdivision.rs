@@ -20,7 +20,8 @@ pub struct Subdivision {
     points: Vec<Field<f32>>,
     /// The largest coordinate of each key.
     largest: Vec<f32>,
-    primvars: Vec<Carried>,
+    /// By slot, with their names.
+    primvars: Vec<(String, Carried)>,
     /// Which of them is the texture coordinates.
     texcoords: Option<usize>,
     parts: Vec<Part>,
@@ -41,33 +42,31 @@ impl Subdivision {
         Self::carrying(mesh, &names, texcoords)
     }
 
-    /// As [`new`](Self::new), with those of the mesh's primvars that are named: their slots are their places among
-    /// `primvars`. A slot whose name the mesh does not have is empty.
-    pub fn carrying(mesh: &ControlMesh, primvars: &[&str], texcoords: Option<&str>) -> Self {
+    /// As [`new`](Self::new), with those of the mesh's primvars that are named.
+    pub fn carrying(mesh: &ControlMesh, names: &[&str], texcoords: Option<&str>) -> Self {
         let limit = LimitSurface::new(mesh);
         let topology = mesh.topology();
         let (parts, is_cut) = parts(mesh, &topology, limit.is_triangular());
         let points: Vec<Field<f32>> = (0..mesh.points.len())
             .map(|key| limit.points(mesh, key))
             .collect();
-        let carried: Vec<Carried> = primvars
+        let primvars: Vec<(String, Carried)> = names
             .iter()
-            .map(|name| match mesh.primvar(name) {
-                Some(primvar) => Carried::new(mesh, &topology, &limit, primvar),
-                None => Carried::Constant(Vec::new()),
+            .filter_map(|name| mesh.primvar(name))
+            .map(|primvar| {
+                let carried = Carried::new(mesh, &topology, &limit, primvar);
+                (primvar.name.clone(), carried)
             })
             .collect();
-        let has_coordinates = |slot: &usize| match &carried[*slot] {
-            Carried::Varying(varying) => varying.width == 2,
-            _ => false,
+        let is_texcoord = |(name, carried): &(String, Carried)| {
+            Some(name.as_str()) == texcoords
+                && matches!(carried, Carried::Varying(varying) if varying.width == 2)
         };
         let face_of_part = |face: usize| topology.corners(face as u32).map(move |_| face as u32);
         Self {
             largest: points.iter().map(|field| field.largest() as f32).collect(),
-            texcoords: texcoords
-                .and_then(|name| primvars.iter().position(|n| *n == name))
-                .filter(has_coordinates),
-            primvars: carried,
+            texcoords: primvars.iter().position(is_texcoord),
+            primvars,
             parents: if is_cut {
                 (0..topology.face_count()).flat_map(face_of_part).collect()
             } else {
@@ -109,7 +108,7 @@ impl Subdivision {
 
     /// The texture coordinates and the surface over which they are smooth.
     fn texcoords(&self) -> Option<(&LimitSurface, &Varying)> {
-        match &self.primvars[self.texcoords?] {
+        match &self.primvars[self.texcoords?].1 {
             Carried::Varying(st) => Some((st.limit.as_ref().unwrap_or(&self.limit), st)),
             _ => None,
         }
@@ -313,7 +312,7 @@ impl Base for Subdivision {
     fn memory(&self) -> usize {
         self.limit.memory()
             + self.points.iter().map(Field::memory).sum::<usize>()
-            + self.primvars.iter().map(Carried::memory).sum::<usize>()
+            + self.primvars.iter().map(|(_, p)| p.memory()).sum::<usize>()
             + size_of_val(self.parts.as_slice())
             + size_of_val(self.parents.as_slice())
     }
@@ -328,8 +327,17 @@ impl Carrier for Subdivision {
         }
     }
 
+    fn slot(&self, name: &str, width: usize) -> Option<usize> {
+        let fits = |(n, carried): &(String, Carried)| n == name && carried.width() >= width;
+        self.primvars.iter().position(fits)
+    }
+
+    fn is_texcoord(&self, slot: usize) -> bool {
+        self.texcoords == Some(slot)
+    }
+
     fn primvar(&self, slot: usize, face: u32, uv: Vec2, out: &mut [f32]) {
-        let value = match &self.primvars[slot] {
+        let value = match &self.primvars[slot].1 {
             Carried::Constant(value) => value,
             Carried::Uniform(primvar) => primvar.get(self.parent(face) as usize),
             Carried::Varying(varying) => {
@@ -351,7 +359,7 @@ impl Carrier for Subdivision {
     }
 
     fn primvar_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord> {
-        let Carried::Varying(varying) = &self.primvars[slot] else {
+        let Carried::Varying(varying) = &self.primvars[slot].1 else {
             return None;
         };
         if !(2..=3).contains(&varying.width) {

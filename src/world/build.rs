@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::dicing::Dicing;
-use super::geometry::geometry;
+use super::displacement::Heights;
+use super::geometry::{Displaced, Maker, Wanted, polygons};
+use super::method::Method;
 use super::patch::Diced;
 use super::shape::Shape;
 use super::worn::Worn;
@@ -20,12 +21,15 @@ use crate::shade::camera::Camera;
 use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Lookup;
+use crate::surface::Dicing;
 use crate::trace::{Device, Geometry, Scene, SceneBuilder, SceneOptions};
 
 /// How to build.
 #[derive(Debug, Clone, Default)]
 pub struct BuildOptions {
-    /// Dicing of subdivision surfaces.
+    /// How surfaces are traced.
+    pub method: Method,
+    /// How finely they are diced.
     pub dicing: Dicing,
     /// Everything Lambert with this albedo; displacement stays.
     pub clay: Option<f32>,
@@ -41,6 +45,8 @@ pub struct Built {
     pub world: World,
     /// Bytes of textures.
     pub texture_bytes: usize,
+    /// Bytes of limit surfaces, and of what the method holds beside Embree.
+    pub surface_bytes: usize,
     /// What was noticed.
     pub warnings: Warnings,
 }
@@ -62,6 +68,14 @@ impl World {
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
         let (mut materials, unbound) = materials(description, &textures, options);
+
+        let mut maker = Maker {
+            device,
+            camera,
+            options,
+            heights: Heights::new(&textures),
+            bytes: 0,
+        };
 
         // Where each shape stands, and whether it can be built in world space right away.
         let mut places: Vec<Vec<u32>> = vec![Vec::new(); description.shapes.len()];
@@ -123,20 +137,20 @@ impl World {
                 Some(_) => vec![Affine3A::IDENTITY],
                 None => whole,
             };
-            let displaced = displaced.map(|m| &materials[m]);
-            let (geometry, surface) = geometry(
-                device,
-                &mesh,
-                &needs,
-                displaced,
-                &stands,
-                camera,
-                options,
-                diced.as_deref(),
-                &shape.path,
-                &mut warnings,
-            )
-            .map_err(|e| name_shape(e, description, shape))?;
+            let wanted = Wanted {
+                needs: &needs,
+                displaced: displaced.map(|m| Displaced {
+                    height: &description.materials[m].surface.displacement,
+                    material: &materials[m],
+                }),
+                places: &stands,
+                path: &shape.path,
+            };
+            let made = match diced {
+                Some(faces) => polygons(device, &mesh, Some(&faces)),
+                None => maker.mesh(&mesh, &wanted, &mut warnings),
+            };
+            let (geometry, surface) = made.map_err(|e| name_shape(e, description, shape))?;
             let mut worn = Worn::new(&shape.geometry, places, description);
             let mut number_of = |m: usize| worn.number(m, &mut materials);
             let faces = shape.geometry.face_count();
@@ -214,6 +228,7 @@ impl World {
         Ok(Built {
             world,
             texture_bytes,
+            surface_bytes: maker.bytes,
             warnings,
         })
     }

@@ -87,7 +87,12 @@ impl Method {
     ///
     /// # Errors
     /// If there are more micro-triangles than the method can number, or memory runs out.
-    pub fn build(self, surface: &Surface, rates: &Rates, device: &Device) -> Result<TracedSurface> {
+    pub fn build(
+        self,
+        surface: &Arc<Surface>,
+        rates: &Rates,
+        device: &Device,
+    ) -> Result<TracedSurface> {
         let diced = Arc::new(Diced::new(surface, rates));
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {

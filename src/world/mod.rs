@@ -2,6 +2,7 @@
 
 mod build;
 mod dicing;
+mod displacement;
 mod estimate;
 mod geometry;
 mod interaction;
