@@ -142,7 +142,7 @@ impl LimitSurface {
             part,
             points: &plan.points[points as usize..],
             ring: &self.rings[face.ring as usize..][..plan.ring as usize],
-            own: face.own,
+            own: self.vertices as u32 + face.own,
             u: 0.0,
             v: 0.0,
             scale: [1.0; 2],
@@ -243,7 +243,87 @@ fn from_corners([a, b, c, d]: [[f64; 3]; 4]) -> [[f64; 3]; 16] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::math::Vec3;
+    use crate::mesh::ControlMesh;
     use crate::subdiv::parameters::quarter;
+
+    /// A sheet of three by three quads: of its faces one has no border and the others have points of their own.
+    fn sheet() -> ControlMesh {
+        let corner = |x: u32, y: u32| y * 4 + x;
+        ControlMesh {
+            face_vertex_counts: vec![4; 9],
+            face_vertex_indices: (0..9)
+                .flat_map(|i| {
+                    let (x, y) = (i % 3, i / 3);
+                    [(0, 0), (1, 0), (1, 1), (0, 1)].map(|(dx, dy)| corner(x + dx, y + dy))
+                })
+                .collect(),
+            points: vec![
+                (0..16)
+                    .map(|i| Vec3::new((i % 4) as f32, (i / 4) as f32, (i * i % 7) as f32))
+                    .collect(),
+            ],
+            ..ControlMesh::default()
+        }
+    }
+
+    #[test]
+    fn leaves_are_the_surface_at_borders_and_extraordinary_vertices() {
+        // The same sheet, and one whose middle quad has another within it.
+        let mut twisted = sheet();
+        let middle: Vec<u32> = twisted.face_vertex_indices.splice(16..20, []).collect();
+        let inner: Vec<u32> = (16..20).collect();
+        for (i, &corner) in middle.iter().enumerate() {
+            let centre = Vec3::new(1.5, 1.5, 2.0);
+            let point = twisted.points[0][corner as usize].lerp(centre, 0.5);
+            twisted.points[0].push(point);
+            let next = (i + 1) % 4;
+            let side = [corner, middle[next], inner[next], inner[i]];
+            twisted.face_vertex_indices.extend(side);
+        }
+        twisted.face_vertex_indices.extend(inner);
+        twisted.face_vertex_counts = vec![4; 13];
+
+        for mesh in [sheet(), twisted] {
+            let surface = LimitSurface::new(&mesh);
+            let field = surface.points::<f64>(&mesh, 0);
+            let mut patches = 0;
+            for face in 0..surface.face_count() as u32 {
+                for uv in [[0.01, 0.02], [0.3, 0.9], [0.6, 0.4], [0.97, 0.03]] {
+                    let expected = surface.evaluate(&field, face, uv[0], uv[1]).position;
+                    let mut low = [f64::INFINITY; 3];
+                    let mut high = [f64::NEG_INFINITY; 3];
+                    surface.hull_points(&field, face, [uv, uv], |p| {
+                        low = [0, 1, 2].map(|i| low[i].min(p[i]));
+                        high = [0, 1, 2].map(|i| high[i].max(p[i]));
+                    });
+                    assert!(
+                        (0..3).all(
+                            |i| low[i] <= expected[i] + 1e-12 && expected[i] <= high[i] + 1e-12
+                        ),
+                        "{face} {uv:?}: {expected:?} outside of {low:?} {high:?}"
+                    );
+                    let Some(leaf) = surface.bezier(&field, face, [uv, uv]) else {
+                        continue;
+                    };
+                    patches += 1;
+                    let bernstein = |t: f64| {
+                        let s = 1.0 - t;
+                        [s * s * s, 3.0 * s * s * t, 3.0 * s * t * t, t * t * t]
+                    };
+                    let [bu, bv] = [0, 1]
+                        .map(|i| bernstein((uv[i] - leaf.min[i]) / (leaf.max[i] - leaf.min[i])));
+                    for axis in 0..3 {
+                        let sum: f64 = (0..16)
+                            .map(|i| bu[i % 4] * bv[i / 4] * leaf.points[i][axis])
+                            .sum();
+                        assert!((sum - expected[axis]).abs() < 1e-12, "{face} {uv:?}");
+                    }
+                }
+            }
+            assert!(patches >= 20, "{patches} patches");
+        }
+    }
 
     #[test]
     fn areas_are_where_parameters_go() {
