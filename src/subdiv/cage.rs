@@ -233,15 +233,17 @@ impl Cage {
         let linear_borders = matches!(rule, F::Boundaries | F::All);
         let dependent = matches!(rule, F::CornersPlus1 | F::CornersPlus2);
         for (vertex, values) in (0_u32..).zip(&values) {
+            let Some(&first) = values.first() else {
+                continue; // No face uses the vertex.
+            };
             let edges = whole.topology.vertex_edges(vertex);
             let on_border = edges.iter().any(|&e| whole.topology.is_border(e));
             let cut = |value: u32| {
                 let open = self.topology.vertex_edges(value).iter();
                 open.filter(|&&e| self.topology.is_border(e)).count()
             };
-            let seams =
-                values.len() > 1 || (!on_border && cut(values.first().map_or(0, |v| *v)) > 0);
-            if values.is_empty() || !(seams || on_border) {
+            let seams = values.len() > 1 || (!on_border && cut(first) > 0);
+            if !(seams || on_border) {
                 continue;
             }
             let span = |value: u32| self.topology.vertex_corners(value).len();

@@ -12,6 +12,7 @@ use super::patch::Diced;
 use super::shape::Shape;
 use super::worn::Worn;
 use super::{Entry, Placed, World};
+use crate::accel::Intersector;
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
@@ -200,8 +201,15 @@ impl World {
             &mut warnings,
         );
         if let Some(area) = lights.shapes() {
-            let id = builder.attach(Geometry::user(device, area)?);
-            entries.insert(id, Entry::Lights);
+            let (triangles, corners) = area.triangles();
+            if !triangles.is_empty() {
+                let rectangles = Geometry::triangles(device, triangles, Arc::new(vec![corners]))?;
+                entries.insert(builder.attach(rectangles), Entry::Rectangles);
+            }
+            if area.primitives() > 0 {
+                let others = Geometry::user(device, Arc::clone(area))?;
+                entries.insert(builder.attach(others), Entry::Lights);
+            }
         }
         let scene: Scene = builder.commit(&|done| go_on(0.5 + 0.5 * done))?;
         let last = entries.keys().next_back().map_or(0, |&id| id as usize + 1);

@@ -47,8 +47,10 @@ pub struct World {
 /// What a geometry of the scene is.
 #[derive(Debug, Clone, Copy)]
 enum Entry {
-    /// The area lights.
+    /// The area lights that are not rectangles.
     Lights,
+    /// Two triangles for each rectangular light.
+    Rectangles,
     /// A placement, by number.
     Placed(u32),
 }
@@ -70,7 +72,7 @@ pub enum Met {
     Nothing,
     /// An area light: its number among them and where.
     Light {
-        /// Primitive of the lights' shapes.
+        /// Its number.
         area: u32,
         /// Where on it.
         hit: Hit,
@@ -87,15 +89,22 @@ impl World {
         };
         match self.entries[hit.instance.unwrap_or(hit.geometry) as usize] {
             Entry::Lights => Met::Light {
-                area: hit.primitive,
+                area: hit.face,
                 hit: Hit {
                     t: hit.t,
-                    face: hit.primitive,
+                    face: hit.face,
                     uv: hit.uv,
                     normal: hit.normal,
                     error: 0.0,
                 },
             },
+            Entry::Rectangles => {
+                let hit = self.lights.on_triangle(hit.primitive, hit.t, hit.uv);
+                Met::Light {
+                    area: hit.face,
+                    hit,
+                }
+            }
             Entry::Placed(number) => Met::Surface(self.interaction(number, ray, &hit)),
         }
     }

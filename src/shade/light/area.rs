@@ -75,6 +75,13 @@ impl AreaLight {
         })
     }
 
+    fn rectangle(&self) -> Option<&Planar> {
+        match &self.form {
+            Form::Planar(planar) if !planar.is_round() => Some(planar),
+            _ => None,
+        }
+    }
+
     /// Roughly its power, as luminance.
     pub(super) fn power(&self) -> f32 {
         let picture = self.picture.as_ref().map_or(Vec3::ONE, Picture::mean);
@@ -150,20 +157,68 @@ fn form(kind: &LightKind, world: &DAffine3) -> Option<Form> {
     })
 }
 
-/// The area lights as a thing that rays can meet; primitive `p` is the `p`-th area light. Both sides of a flat
+/// The area lights as things that rays can meet. Rectangles are triangles, which a tree of triangles meets sooner than
+/// a callback; the others are an [`Intersector`] whose hits name the area light as their face. Both sides of a flat
 /// light, and the inside of a round one, are met too: they are black.
 #[derive(Debug, Clone)]
 pub struct LightShapes {
     pub(super) lights: Vec<AreaLight>,
+    /// Which of them are rectangles, and which are not.
+    rectangles: Vec<u32>,
+    others: Vec<u32>,
+}
+
+impl LightShapes {
+    pub(super) fn new(lights: Vec<AreaLight>) -> Self {
+        let (rectangles, others) =
+            (0..lights.len() as u32).partition(|&i| lights[i as usize].rectangle().is_some());
+        Self {
+            lights,
+            rectangles,
+            others,
+        }
+    }
+
+    /// Two triangles for each rectangle, and their points in the world. Embree's limits on their count apply.
+    pub fn triangles(&self) -> (Vec<[u32; 3]>, Vec<Vec3>) {
+        let corners: Vec<Vec3> = (self.rectangles.iter())
+            .filter_map(|&light| self.lights[light as usize].rectangle())
+            .flat_map(Planar::corners)
+            .collect();
+        let triangles = (0..corners.len() as u32)
+            .step_by(4)
+            .flat_map(|c| [[c, c + 1, c + 2], [c, c + 2, c + 3]])
+            .collect();
+        (triangles, corners)
+    }
+
+    /// The hit on an area light where a ray met triangle `triangle` of [`triangles`](Self::triangles) at its
+    /// barycentric `uv`.
+    pub fn on_triangle(&self, triangle: u32, t: f32, uv: Vec2) -> Hit {
+        let light = self.rectangles[triangle as usize / 2];
+        let normal = self.lights[light as usize].rectangle().map(Planar::front);
+        Hit {
+            t,
+            face: light,
+            uv: if triangle.is_multiple_of(2) {
+                Vec2::new(uv.x + uv.y, uv.y)
+            } else {
+                Vec2::new(uv.x, uv.x + uv.y)
+            }
+            .min(Vec2::ONE),
+            normal: normal.unwrap_or(Vec3::ZERO),
+            error: 0.0,
+        }
+    }
 }
 
 impl Intersector for LightShapes {
     fn primitives(&self) -> u32 {
-        self.lights.len() as u32
+        self.others.len() as u32
     }
 
     fn bounds(&self, p: u32, _key: u32) -> Bounds3 {
-        let b = self.lights[p as usize].form.bounds();
+        let b = self.lights[self.others[p as usize] as usize].form.bounds();
         // Outward by some ulps of the position and of the size, which also keeps a flat light's box from being flat.
         let size = b.min.abs().max(b.max.abs()).max_element();
         let pad = Vec3::splat(2e-6 * size.max(b.extent().max_element()));
@@ -174,7 +229,8 @@ impl Intersector for LightShapes {
     }
 
     fn intersect(&self, p: u32, ray: &Ray) -> Option<Hit> {
-        let met = match &self.lights[p as usize].form {
+        let light = self.others[p as usize];
+        let met = match &self.lights[light as usize].form {
             Form::Planar(f) => f.intersect(ray),
             Form::Ellipsoid(f) => f.intersect(ray),
             Form::Tube(f) => f.intersect(ray),
@@ -182,7 +238,7 @@ impl Intersector for LightShapes {
         let reach = ray.origin.abs().max(ray.at(met.t).abs()).max_element();
         Some(Hit {
             t: met.t,
-            face: p,
+            face: light,
             uv: met.uv,
             normal: met.normal,
             error: 1e-6 * reach,
@@ -191,5 +247,6 @@ impl Intersector for LightShapes {
 
     fn memory(&self) -> usize {
         self.lights.capacity() * size_of::<AreaLight>()
+            + (self.rectangles.capacity() + self.others.capacity()) * size_of::<u32>()
     }
 }

@@ -32,7 +32,7 @@ use picture::Picture;
 
 use crate::accel::Hit;
 use crate::error::Warnings;
-use crate::math::{Bounds3, DAffine3, Vec3};
+use crate::math::{Bounds3, DAffine3, Vec2, Vec3};
 use crate::scene::{self, LightKind};
 
 pub use area::LightShapes;
@@ -205,8 +205,19 @@ impl Lights {
     }
 
     /// The area lights, for rays to meet; none if there are none.
-    pub fn shapes(&self) -> Option<Arc<LightShapes>> {
-        self.shapes.clone()
+    pub fn shapes(&self) -> Option<&Arc<LightShapes>> {
+        self.shapes.as_ref()
+    }
+
+    /// The hit on a rectangular light where a ray met one of [`LightShapes::triangles`].
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn on_triangle(&self, triangle: u32, t: f32, uv: Vec2) -> Hit {
+        let shapes = self.shapes.as_ref();
+        shapes
+            .expect("there are area lights where a ray met one")
+            .on_triangle(triangle, t, uv)
     }
 
     /// Which light of the description the area light is.
@@ -345,7 +356,7 @@ impl Lights {
             }
         }
         Self {
-            shapes: (!areas.is_empty()).then(|| Arc::new(LightShapes { lights: areas })),
+            shapes: (!areas.is_empty()).then(|| Arc::new(LightShapes::new(areas))),
             distant,
             domes,
             choice,

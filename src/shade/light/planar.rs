@@ -64,6 +64,21 @@ impl Planar {
         self.area
     }
 
+    pub(super) fn is_round(&self) -> bool {
+        self.round
+    }
+
+    /// Unit, to the side that shines.
+    pub(super) fn front(&self) -> Vec3 {
+        self.front
+    }
+
+    /// Of a rectangle: where its parameters are (0, 0), (1, 0), (1, 1), (0, 1).
+    pub(super) fn corners(&self) -> [Vec3; 4] {
+        let at = |a: f32, b: f32| self.centre + a * self.x + b * self.y;
+        [at(-1.0, -1.0), at(1.0, -1.0), at(1.0, 1.0), at(-1.0, 1.0)]
+    }
+
     pub(super) fn bounds(&self) -> Bounds3 {
         let reach = if self.round {
             (self.x * self.x + self.y * self.y).map(f32::sqrt)
@@ -73,6 +88,7 @@ impl Planar {
         Bounds3::around(self.centre, reach)
     }
 
+    /// Meets a disk: rectangles are met as triangles.
     #[inline]
     pub(super) fn intersect(&self, ray: &Ray) -> Option<Met> {
         let from = ray.origin - self.centre;
@@ -88,12 +104,7 @@ impl Planar {
         }
         let at = from + t * ray.direction;
         let (a, b) = (self.to_a.dot(at), self.to_b.dot(at));
-        let inside = if self.round {
-            a * a + b * b <= 1.0
-        } else {
-            a.abs() <= 1.0 && b.abs() <= 1.0
-        };
-        inside.then(|| Met {
+        (a * a + b * b <= 1.0).then(|| Met {
             t,
             uv: Vec2::new(0.5 + 0.5 * a, 0.5 + 0.5 * b).clamp(Vec2::ZERO, Vec2::ONE),
             normal: self.front,

@@ -4,7 +4,10 @@
 use super::random::{cube, grid, mesh, wheel};
 use super::{SMOOTH_SCHEMES, corners, faces, places, position, surface};
 use crate::math::{DVec3, Vec3};
-use crate::mesh::{BoundaryInterpolation, ControlMesh, Corner, Crease, CreaseMethod, Scheme};
+use crate::mesh::{
+    BoundaryInterpolation, ControlMesh, Corner, Crease, CreaseMethod, Interpolation, Primvar,
+    Scheme,
+};
 use crate::subdiv::refine;
 
 const BOUNDARIES: [BoundaryInterpolation; 3] = [
@@ -212,5 +215,24 @@ fn single_precision_is_close() {
                 }
             }
         }
+    }
+}
+
+/// No face uses some points, or any.
+#[test]
+fn points_without_faces_keep_their_place() {
+    for faces in [vec![], vec![vec![0_u32, 1, 2, 3]]] {
+        let points = vec![Vec3::ZERO, Vec3::X, Vec3::ONE, Vec3::Y, Vec3::splat(9.0)];
+        let mut cage = mesh(Scheme::CatmullClark, points, &faces);
+        let corners = faces.concat().len();
+        cage.primvars.push(Primvar {
+            name: "st".into(),
+            interpolation: Interpolation::FaceVarying,
+            width: 1,
+            values: vec![1.0; 5],
+            indices: Some(vec![4; corners]),
+        });
+        is_finite(&cage);
+        assert_eq!(refine(&cage, 2).mesh.points[0][4], Vec3::splat(9.0));
     }
 }
