@@ -14,6 +14,7 @@ mod furnace;
 mod layers;
 mod lights;
 mod manners;
+mod methods;
 mod pictures;
 mod scenes;
 mod smooth;

@@ -34,6 +34,16 @@ pub trait Base: Send + Sync {
         false
     }
 
+    /// Whether parts of faces are cut away: those that [`is_kept`](Self::is_kept) says no to.
+    fn is_trimmed(&self) -> bool {
+        false
+    }
+
+    /// Whether a point of a face is part of the surface. Asked at hits, where the surface is trimmed.
+    fn is_kept(&self, _face: u32, _uv: Vec2) -> bool {
+        true
+    }
+
     /// Whether `du × dv` points to the back.
     fn left_handed(&self) -> bool {
         false

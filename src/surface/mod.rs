@@ -14,6 +14,7 @@ mod displace;
 mod evaluate;
 mod image_map;
 mod parts;
+mod patch;
 mod pyramid;
 mod rates;
 mod shared;
@@ -30,6 +31,7 @@ pub use displace::{
 };
 pub use evaluate::{DisplacedPoint, Faults, Surface};
 pub use image_map::{Channels, ImageMap};
+pub use patch::Patch;
 pub use pyramid::Pyramid;
 pub use rates::{Dicing, MOST_SEGMENTS, Places, Rates, View};
 pub use shared::{Scratch, SharedSamples};

@@ -7,7 +7,6 @@
 
 use super::device::Device;
 use super::geometry::{Geometry, Grid, Handle, Kind};
-use super::scene::SceneHit;
 use crate::error::{Error, Result};
 use crate::math::Vec2;
 use crate::surface::{Diced, Grids};
@@ -61,21 +60,21 @@ impl Geometry {
     }
 }
 
-/// The face and the parameters on it of a hit on [`Geometry::diced_triangles`].
+/// The face and the parameters on it of a hit's primitive and parameters, on [`Geometry::diced_triangles`].
 ///
 /// # Panics
 /// If the hit is on another geometry with more primitives.
-pub fn diced_triangle_uv(grids: &Grids, hit: &SceneHit) -> (u32, Vec2) {
-    grids.face_uv(u64::from(hit.primitive), hit.uv)
+pub fn diced_triangle_uv(grids: &Grids, primitive: u32, uv: Vec2) -> (u32, Vec2) {
+    grids.face_uv(u64::from(primitive), uv)
 }
 
-/// The face and the parameters on it of a hit on [`Geometry::diced_grids`].
+/// The face and the parameters on it of a hit's primitive and parameters, on [`Geometry::diced_grids`].
 ///
 /// # Panics
 /// If the hit is on another geometry with more primitives.
-pub fn diced_grid_uv(grids: &Grids, hit: &SceneHit) -> (u32, Vec2) {
-    let grid = grids.get(hit.primitive);
-    (grid.face, grid.grid_uv(hit.uv))
+pub fn diced_grid_uv(grids: &Grids, primitive: u32, uv: Vec2) -> (u32, Vec2) {
+    let grid = grids.get(primitive);
+    (grid.face, grid.grid_uv(uv))
 }
 
 fn check_counts(diced: &Diced) -> Result<()> {

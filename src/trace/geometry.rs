@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use embree4_sys as sys;
 
 use super::device::Device;
+use super::filter::Kept;
 use super::panics::PanicSlot;
 use super::scene::Scene;
 use super::subdivision::Subdivision;
@@ -22,6 +23,8 @@ pub struct Geometry {
     // Dropped in this order: Embree's object first, then what it points to.
     pub(super) handle: Handle,
     pub(super) kind: Kind,
+    /// What decides which hits count, if something does.
+    pub(super) kept: Option<Box<Kept>>,
     pub(super) panics: Arc<PanicSlot>,
     pub(super) keys: usize,
     /// Whether Embree's normal points to the back.
@@ -256,6 +259,7 @@ impl Geometry {
         Self {
             handle,
             kind,
+            kept: None,
             panics: Arc::default(),
             keys,
             flipped: false,

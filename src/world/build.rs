@@ -6,12 +6,11 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::displacement::Heights;
-use super::geometry::{Displaced, Maker, Wanted, polygons};
+use super::geometry::{Displaced, Maker, Wanted};
 use super::method::Method;
-use super::patch::Diced;
 use super::shape::Shape;
 use super::worn::Worn;
-use super::{Entry, Placed, World};
+use super::{Entry, Placed, World, patch};
 use crate::accel::Intersector;
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
@@ -113,27 +112,10 @@ impl World {
                 .map_err(|fault| name_shape(fault.into(), description, shape))?;
             let displaced = displacement_of(shape, places, description, &materials);
             let whole: Vec<Affine3A> = places.iter().flat_map(|&p| keys(p)).collect();
-            let (control, diced) = match &shape.geometry {
-                scene::Geometry::Mesh(mesh) => (mesh.clone(), None),
-                scene::Geometry::Nurbs(patch) => {
-                    let diced = Diced::new(
-                        patch,
-                        &whole,
-                        camera,
-                        &options.dicing,
-                        &shape.path,
-                        &mut warnings,
-                    )
-                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
-                    (diced.mesh, Some(diced.faces))
-                }
-            };
             let in_world = (places.len() == 1 && displaced.is_none())
                 .then(|| keys(places[0]))
                 .filter(|keys| keys.len() == 1)
                 .map(|keys| keys[0]);
-            let mesh =
-                in_world.map_or_else(|| control.clone(), |m| Arc::new(in_space(&control, &m)));
             let stands: Vec<Affine3A> = match in_world {
                 Some(_) => vec![Affine3A::IDENTITY],
                 None => whole,
@@ -147,9 +129,17 @@ impl World {
                 places: &stands,
                 path: &shape.path,
             };
-            let made = match diced {
-                Some(faces) => polygons(device, &mesh, Some(&faces)),
-                None => maker.mesh(&mesh, &wanted, &mut warnings),
+            let made = match (&shape.geometry, &in_world) {
+                (scene::Geometry::Mesh(mesh), None) => maker.mesh(mesh, &wanted, &mut warnings),
+                (scene::Geometry::Mesh(mesh), Some(world_from_object)) => {
+                    let mesh = Arc::new(in_space(mesh, world_from_object));
+                    maker.mesh(&mesh, &wanted, &mut warnings)
+                }
+                (scene::Geometry::Nurbs(patch), None) => maker.patch(patch, &wanted, &mut warnings),
+                (scene::Geometry::Nurbs(patch), Some(world_from_object)) => {
+                    let patch = patch::in_space(patch, world_from_object);
+                    maker.patch(&patch, &wanted, &mut warnings)
+                }
             };
             let (geometry, surface) = made.map_err(|e| name_shape(e, description, shape))?;
             let mut worn = Worn::new(&shape.geometry, places, description);
@@ -383,7 +373,9 @@ fn needed_primvars(
                 fault.message += &format!(", and {reader} reads it");
                 return Err(fault);
             }
-            if shape.geometry.primvar(name).is_some() {
+            // A patch has texture coordinates in any case.
+            let is_patch = matches!(shape.geometry, scene::Geometry::Nurbs(_));
+            if shape.geometry.primvar(name).is_some() || is_patch && name == "st" {
                 needs.push(name.to_owned());
             }
         }

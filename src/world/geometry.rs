@@ -6,14 +6,15 @@ use std::sync::Arc;
 use super::build::BuildOptions;
 use super::displacement::{Heights, by_callback, coordinates};
 use super::method::Method;
+use super::patch::notice;
 use super::shape::{Polygons, Smooth, Surface};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3};
-use crate::mesh::{ControlMesh, CreaseMethod, Scheme, TriangleRule, triangulate};
+use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule, triangulate};
 use crate::scene::Input;
 use crate::shade::camera::Camera;
 use crate::shade::material::Material;
-use crate::surface::{self, Carrier, Displacement, Places, Rates, Subdivision};
+use crate::surface::{self, Carrier, Displacement, Patch, Places, Rates, Subdivision};
 use crate::trace::{self, Device, Geometry, SubdivisionOptions, check_limits};
 
 /// Makes the geometries of a scene, one after the other.
@@ -63,7 +64,7 @@ impl Maker<'_> {
                     )
                 });
             }
-            return polygons(self.device, mesh, None);
+            return polygons(self.device, mesh);
         }
         let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
         let st = wanted.displaced.and_then(|d| coordinates(d.height));
@@ -84,6 +85,23 @@ impl Maker<'_> {
                 }),
             }
         }
+        self.surface(carrier, surface, &rates, wanted)
+    }
+
+    /// A NURBS patch. Embree knows none: under the name of its subdivision they are traced as our triangles, too.
+    pub(super) fn patch(
+        &mut self,
+        patch: &NurbsPatch,
+        wanted: &Wanted<'_>,
+        warnings: &mut Warnings,
+    ) -> Result<(Geometry, Surface)> {
+        let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
+        let st = wanted.displaced.and_then(|d| coordinates(d.height));
+        let base = Patch::new(patch, &names, st)?;
+        notice(patch, &base, wanted.path, warnings);
+        let carrier: Arc<dyn Carrier> = Arc::new(base);
+        let surface = self.displaced(&carrier, wanted);
+        let rates = self.rates(&surface, &patch.bounds(), wanted, warnings);
         self.surface(carrier, surface, &rates, wanted)
     }
 
@@ -194,21 +212,15 @@ fn embree_differs(mesh: &ControlMesh) -> Option<String> {
     }
 }
 
-/// `parent_face` has the file's face of each face of `mesh`, where these are not the same.
-pub(super) fn polygons(
-    device: &Device,
-    mesh: &Arc<ControlMesh>,
-    parent_face: Option<&[u32]>,
-) -> Result<(Geometry, Surface)> {
+fn polygons(device: &Device, mesh: &Arc<ControlMesh>) -> Result<(Geometry, Surface)> {
     let triangles = triangulate(mesh);
     let index = |corner: u32| mesh.face_vertex_indices[corner as usize];
     let indices = triangles.corners.iter().map(|t| t.map(index)).collect();
     let geometry = Geometry::triangles(device, indices, Arc::new(mesh.points.clone()))?;
-    let surface = Surface::Polygons(Polygons::new(
-        mesh.clone(),
-        triangles.corners,
-        triangles.faces,
-        parent_face,
-    ));
-    Ok((geometry, surface))
+    let polygons = Polygons {
+        mesh: mesh.clone(),
+        corners: triangles.corners,
+        faces: triangles.faces,
+    };
+    Ok((geometry, Surface::Polygons(polygons)))
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::accel::{Intersector, Tessellated};
+use crate::accel::{Intersector, Tessellated, Trimmed};
 use crate::error::Result;
 use crate::math::Vec2;
 use crate::surface::{Diced, Grids, Rates, Surface};
@@ -94,31 +94,42 @@ impl Method {
         device: &Device,
     ) -> Result<TracedSurface> {
         let diced = Arc::new(Diced::new(surface, rates));
+        let grids = diced.shared_grids().clone();
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {
-                let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_triangles(device, &diced)?;
                 (geometry, HitPlaces::Triangles(grids), bytes)
             }
             Self::EmbreeGrid => {
-                let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_grids(device, &diced)?;
                 (geometry, HitPlaces::Grids(grids), bytes)
             }
-            Self::Tessellated => {
-                let tree = Arc::new(Tessellated::build(diced));
-                let bytes = tree.memory();
-                (Geometry::user(device, tree)?, HitPlaces::OfHit, bytes)
-            }
+            Self::Tessellated => of_hit(Tessellated::build(diced), surface, device)?,
         };
+        let geometry = places.trimmed(geometry, surface);
         Ok(TracedSurface {
             geometry,
             places,
             bytes,
         })
     }
+}
+
+/// A method of our own on what is kept of a surface.
+fn of_hit<I: Intersector + 'static>(
+    method: I,
+    surface: &Arc<Surface>,
+    device: &Device,
+) -> Result<(Geometry, HitPlaces, usize)> {
+    let bytes = method.memory();
+    let geometry = if surface.base().is_trimmed() {
+        Geometry::user(device, Arc::new(Trimmed::new(method, surface.clone())))?
+    } else {
+        Geometry::user(device, Arc::new(method))?
+    };
+    Ok((geometry, HitPlaces::OfHit, bytes))
 }
 
 impl HitPlaces {
@@ -128,9 +139,33 @@ impl HitPlaces {
     /// If the hit is on another geometry.
     pub fn face_uv(&self, hit: &SceneHit) -> (u32, Vec2) {
         match self {
-            Self::Triangles(grids) => diced_triangle_uv(grids, hit),
-            Self::Grids(grids) => diced_grid_uv(grids, hit),
+            Self::Triangles(grids) => diced_triangle_uv(grids, hit.primitive, hit.uv),
+            Self::Grids(grids) => diced_grid_uv(grids, hit.primitive, hit.uv),
             Self::OfHit => (hit.face, hit.uv),
         }
+    }
+
+    /// Embree's geometry of a surface with only the hits that are on its kept part.
+    fn trimmed(&self, mut geometry: Geometry, surface: &Arc<Surface>) -> Geometry {
+        if surface.base().is_trimmed() {
+            let surface = surface.clone();
+            let is_kept = move |(face, uv): (u32, Vec2)| surface.base().is_kept(face, uv);
+            match self {
+                Self::Triangles(grids) => {
+                    let grids = grids.clone();
+                    geometry.filter(Arc::new(move |primitive, uv| {
+                        is_kept(diced_triangle_uv(&grids, primitive, uv))
+                    }));
+                }
+                Self::Grids(grids) => {
+                    let grids = grids.clone();
+                    geometry.filter(Arc::new(move |primitive, uv| {
+                        is_kept(diced_grid_uv(&grids, primitive, uv))
+                    }));
+                }
+                Self::OfHit => {}
+            }
+        }
+        geometry
     }
 }

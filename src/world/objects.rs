@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use super::build::{BuildOptions, displacement_of, load_textures, materials, single};
+use super::build::{BuildOptions, displacement_of, load_textures, materials, name_shape, single};
 use super::displacement::{Heights, by_callback, coordinates};
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Vec3};
 use crate::mesh::ControlMesh;
-use crate::scene::Description;
+use crate::scene::{self, Description};
 use crate::shade::material::Material;
-use crate::surface::{Carrier, Displacement, Rates, Subdivision, Surface};
+use crate::surface::{Carrier, Displacement, Patch, Rates, Subdivision, Surface};
 use crate::trace::{self, Device, Geometry, SubdivisionOptions};
 
 /// A surface of a scene.
@@ -35,10 +35,10 @@ struct Cage {
     needs: Vec<String>,
 }
 
-/// All surfaces that stand somewhere. NURBS patches are left out, with a warning.
+/// All surfaces that stand somewhere.
 ///
 /// # Errors
-/// If a texture cannot be read.
+/// If a texture cannot be read, or a patch is too large to hold.
 pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec<Object>> {
     let options = BuildOptions {
         clay: Some(0.5),
@@ -54,31 +54,38 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
             .filter(|(_, placement)| placement.shape == number)
             .map(|(i, _)| i)
             .collect();
-        let Some(mesh) = shape.geometry.mesh() else {
-            warnings.add("patches left out", || {
-                format!("{}: NURBS patches are not compared", shape.path)
-            });
-            continue;
-        };
-        if places.is_empty() || mesh.face_count() == 0 {
+        if places.is_empty() || shape.geometry.face_count() == 0 {
             continue;
         }
         let number = displacement_of(shape, &places, description, &materials);
-        let material = number.map(|m| materials[m].clone());
+        let material = number.map(|m| &materials[m]);
         let needs: Vec<String> = material
-            .iter()
+            .into_iter()
             .flat_map(Material::displacement_needs)
-            .filter(|name| mesh.primvar(name).is_some())
             .map(str::to_owned)
             .collect();
         let height = number.map(|m| &description.materials[m].surface.displacement);
         let names: Vec<&str> = needs.iter().map(String::as_str).collect();
-        let base = Arc::new(Subdivision::carrying(
-            mesh,
-            &names,
-            height.and_then(coordinates),
-        ));
-        let carrier: Arc<dyn Carrier> = base.clone();
+        let st = height.and_then(coordinates);
+        let (carrier, bounds, cage): (Arc<dyn Carrier>, _, _) = match &shape.geometry {
+            scene::Geometry::Mesh(mesh) => {
+                let base = Arc::new(Subdivision::carrying(mesh, &names, st));
+                let cage = Cage {
+                    mesh: mesh.clone(),
+                    base: base.clone(),
+                    material: material.cloned(),
+                    needs: (needs.iter().filter(|name| mesh.primvar(name).is_some()))
+                        .cloned()
+                        .collect(),
+                };
+                (base, Bounds3::of(mesh.used_points()), Some(cage))
+            }
+            scene::Geometry::Nurbs(patch) => {
+                let base = Patch::new(patch, &names, st)
+                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
+                (Arc::new(base), patch.bounds(), None)
+            }
+        };
         let displacement = height.map_or(Displacement::None, |height| {
             heights.displacement(height, &carrier)
         });
@@ -89,13 +96,8 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
                 .map(|&p| single(&description.placements[p as usize].world_from_object[0]))
                 .collect(),
             surface: Arc::new(Surface::new(carrier, displacement)),
-            bounds: Bounds3::of(mesh.used_points()),
-            cage: Some(Cage {
-                mesh: mesh.clone(),
-                base,
-                material,
-                needs,
-            }),
+            bounds,
+            cage,
         });
     }
     Ok(objects)

@@ -34,15 +34,13 @@ pub(super) struct Smooth {
     pub(super) places: HitPlaces,
 }
 
-/// Triangles of a polygon mesh, or of a refined control mesh.
+/// Triangles of a polygon mesh.
 pub(super) struct Polygons {
-    mesh: Arc<ControlMesh>,
+    pub(super) mesh: Arc<ControlMesh>,
     /// Corners of each triangle: indices into the mesh's `face_vertex_indices`.
-    corners: Vec<[u32; 3]>,
-    /// Face of each triangle, in `mesh`.
-    faces: Vec<u32>,
-    /// Face of the control mesh for each face of `mesh`, if that was refined.
-    parents: Option<Vec<u32>>,
+    pub(super) corners: Vec<[u32; 3]>,
+    /// Face of each triangle.
+    pub(super) faces: Vec<u32>,
 }
 
 /// Where on a shape a hit is: a face of a surface of ours, or a primitive of Embree's, and parameters.
@@ -126,7 +124,7 @@ impl Shape {
             Surface::Polygons(polygons) => {
                 let triangle = geometry.surface_point(face, uv, time);
                 Point {
-                    face: polygons.face(face),
+                    face: polygons.faces[face as usize],
                     derivatives: [triangle.du, triangle.dv],
                     smooth: polygons.smooth(face, uv, &triangle, facet),
                 }
@@ -235,28 +233,6 @@ impl Smooth {
 }
 
 impl Polygons {
-    pub(super) fn new(
-        mesh: Arc<ControlMesh>,
-        corners: Vec<[u32; 3]>,
-        faces: Vec<u32>,
-        parents: Option<&[u32]>,
-    ) -> Self {
-        Self {
-            mesh,
-            corners,
-            faces,
-            parents: parents.map(<[u32]>::to_vec),
-        }
-    }
-
-    /// The control mesh's face that a triangle is part of.
-    fn face(&self, triangle: u32) -> u32 {
-        let face = self.faces[triangle as usize];
-        self.parents
-            .as_ref()
-            .map_or(face, |parents| parents[face as usize])
-    }
-
     /// Blends a primvar over a triangle; false if there is none of this name and width.
     pub(super) fn primvar(&self, name: &str, triangle: u32, uv: Vec2, out: &mut [f32]) -> bool {
         match self.mesh.primvar(name) {

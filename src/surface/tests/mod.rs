@@ -3,6 +3,7 @@
 mod bounding;
 mod dicing;
 mod displacing;
+mod patches;
 pub(crate) mod shapes;
 
 use std::sync::Arc;

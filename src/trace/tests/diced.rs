@@ -30,13 +30,13 @@ const METHODS: [Method; 3] = [
     Method {
         name: "embree-triangles",
         geometry: |device, diced| Geometry::diced_triangles(device, diced),
-        place: diced_triangle_uv,
+        place: |grids, hit| diced_triangle_uv(grids, hit.primitive, hit.uv),
         tolerance: 1e-3,
     },
     Method {
         name: "embree-grid",
         geometry: |device, diced| Geometry::diced_grids(device, diced),
-        place: diced_grid_uv,
+        place: |grids, hit| diced_grid_uv(grids, hit.primitive, hit.uv),
         // Parameters over a whole grid are less exact, and snapped cells are thin.
         tolerance: 2e-2,
     },
