@@ -51,44 +51,50 @@ fn a_full_disk_is_an_error_for_every_file() {
     expect(run(&png), 1, &["small/out.png"]);
 }
 
-#[test]
-fn interrupted_renders_write_what_is_there() {
-    let bench = Bench::new();
+/// The exit code of a render that gets these signals as soon as it is well into it.
+fn interrupted(bench: &Bench, resolution: [&str; 2], kill: &str) -> Option<i32> {
     bench.write("scene.usda", quad(""));
-    let arguments = [
-        "render",
-        "scene.usda",
-        "-o",
-        "out.exr",
-        "--res",
-        "64",
-        "48",
-        "--spp",
-        "65536",
-        "--progress",
-        "json",
-    ];
+    let [width, height] = resolution;
     let mut child = bench
-        .command(&arguments)
+        .command(&[
+            "render",
+            "scene.usda",
+            "-o",
+            "out.exr",
+            "--res",
+            width,
+            height,
+        ])
+        .args(["--spp", "65536", "--progress", "json"])
         .stderr(Stdio::piped())
         .spawn()
         .expect("the program runs");
     let lines = BufReader::new(child.stderr.take().expect("a pipe")).lines();
-    let mut last = String::new();
+    let mut sent = false;
     for line in lines {
-        last = line.expect("a line of text");
-        let value: serde_json::Value = serde_json::from_str(&last).expect("every line is JSON");
-        // Well into it: the first passes take no time.
-        if value["stage"] == "render" && value["done"].as_f64() > Some(0.0) {
+        let line = line.expect("a line of text");
+        let value: serde_json::Value = serde_json::from_str(&line).expect("every line is JSON");
+        // The first passes take no time.
+        if !sent && value["stage"] == "render" && value["done"].as_f64() > Some(0.0) {
+            sent = true;
             let pid = child.id().to_string();
             // The shell's own: a small system may have no other.
             Command::new("sh")
-                .args(["-c", &format!("kill -INT {pid}")])
+                .args(["-c", &kill.replace("PID", &pid)])
                 .status()
                 .expect("a signal");
         }
     }
-    assert_eq!(child.wait().expect("an end").code(), Some(130), "{last}");
+    child.wait().expect("an end").code()
+}
+
+#[test]
+fn interrupted_renders_write_what_is_there() {
+    let bench = Bench::new();
+    assert_eq!(
+        interrupted(&bench, ["64", "48"], "kill -INT PID"),
+        Some(130)
+    );
     let (width, height, pixels) = read(&bench.path("out.exr"));
     assert_eq!((width, height), (64, 48));
     assert!(
@@ -96,6 +102,15 @@ fn interrupted_renders_write_what_is_there() {
             .iter()
             .all(|p| p.is_finite() && p.max_element() > 0.0)
     );
+}
+
+#[test]
+fn a_second_interrupt_ends_at_once() {
+    let bench = Bench::new();
+    // Large enough that the picture is not written before the second one comes.
+    let twice = "kill -INT PID; sleep 0.02; kill -INT PID";
+    assert_eq!(interrupted(&bench, ["4096", "4096"], twice), Some(130));
+    assert!(!bench.path("out.exr").exists());
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use clap::{Args, ValueEnum};
 use relievo::integrate::PathOptions;
@@ -14,6 +14,8 @@ use relievo::scene::{LoadOptions, MissingLayers, Purpose};
 use relievo::shade::filter::{Filter, FilterKind};
 use relievo::world::{BuildOptions, Dicing};
 use relievo::{Error, Result};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::flag;
 
 use super::method::MethodArgument;
 
@@ -255,14 +257,12 @@ impl Render {
             ));
         }
         let interrupt = Arc::new(AtomicBool::new(false));
-        let flag = interrupt.clone();
-        ctrlc::set_handler(move || {
-            // A second Ctrl-C does not wait for anything.
-            if flag.swap(true, Ordering::Relaxed) {
-                std::process::exit(130);
-            }
-        })
-        .map_err(|e| Error::failed(format!("cannot listen for Ctrl-C: {e}")))?;
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
+            // A second Ctrl-C waits for nothing, not for the libraries' own clean-up either: threads still use them.
+            flag::register_conditional_shutdown(signal, 130, interrupt.clone())
+                .and_then(|_| flag::register(signal, interrupt.clone()))
+                .map_err(|e| Error::failed(format!("cannot listen for Ctrl-C: {e}")))?;
+        }
 
         let style = match (quiet, self.progress) {
             (true, _) | (_, ProgressArgument::None) => ProgressStyle::Quiet,

@@ -117,7 +117,7 @@ fn samples_hit_the_light_where_they_say_with_the_density_that_emitted_says() {
         for pose in poses() {
             let all = lights(&[light(kind, pose)]);
             let shapes = all.shapes().expect("an area light");
-            let bounds = bounds(&shapes);
+            let bounds = bounds(shapes);
             for p in [
                 Vec3::ZERO,
                 Vec3::new(3.0, -1.0, 0.5),
@@ -131,8 +131,8 @@ fn samples_hit_the_light_where_they_say_with_the_density_that_emitted_says() {
                         t_max: s.distance * (1.0 - 1e-4),
                         ..ray
                     };
-                    assert!(meet(&shapes, &short).is_none(), "{kind:?}");
-                    let Some(hit) = meet(&shapes, &ray) else {
+                    assert!(meet(shapes, &short).is_none(), "{kind:?}");
+                    let Some(hit) = meet(shapes, &ray) else {
                         missed += 1; // Rounding at the silhouette
                         continue;
                     };
@@ -161,7 +161,7 @@ fn samples_hit_the_light_where_they_say_with_the_density_that_emitted_says() {
 /// The solid angle as the rays see it: a fine grid of directions around the light.
 fn seen_solid_angle(lights: &Lights, p: Vec3) -> f32 {
     let shapes = lights.shapes().expect("an area light");
-    let bounds = bounds(&shapes);
+    let bounds = bounds(shapes);
     let axis = (bounds.centre() - p).normalize();
     let frame = crate::math::Frame::around(axis);
     let half = (0.5 * bounds.extent().length() / (bounds.centre() - p).length())
@@ -170,7 +170,7 @@ fn seen_solid_angle(lights: &Lights, p: Vec3) -> f32 {
     let versine = 1.0 - half.cos();
     let part = mean(grid().map(|u| {
         let wi = distant::in_cone(&frame, versine, u);
-        let hit = meet(&shapes, &Ray::new(p, wi, 0.0));
+        let hit = meet(shapes, &Ray::new(p, wi, 0.0));
         f32::from(u8::from(hit.is_some_and(|h| h.normal.dot(wi) < 0.0)))
     }));
     part * 2.0 * PI * versine
@@ -449,7 +449,7 @@ fn a_rectangles_picture_reads_right_from_the_front() {
     let shapes = all.shapes().expect("an area light");
     let look = |x: f32, y: f32| {
         let p = Vec3::new(x, y, 0.0);
-        let hit = meet(&shapes, &Ray::new(p, Vec3::Z, 0.0)).expect("a hit");
+        let hit = meet(shapes, &Ray::new(p, Vec3::Z, 0.0)).expect("a hit");
         all.emitted(0, p, &hit, Vec3::Z).0.x / 2.0
     };
     // Who looks along +Z with +Y up has +X on the left: texel (2, 1) is left of the middle, and above it
@@ -520,14 +520,14 @@ fn a_point_on_a_light_does_not_meet_it() {
             let shapes = all.shapes().expect("an area light");
             let p = Vec3::new(0.1, -0.4, -1.0);
             for s in samples(&all, p).step_by(37) {
-                let Some(hit) = meet(&shapes, &Ray::new(p, s.wi, 0.0)) else {
+                let Some(hit) = meet(shapes, &Ray::new(p, s.wi, 0.0)) else {
                     continue;
                 };
                 let on = p + hit.t * s.wi;
                 // What starts on triangles keeps clear of them by the error of where it stands.
                 let curved = shapes.primitives() > 0;
                 if curved && hit.normal.normalize().dot(s.wi).abs() > 0.02 {
-                    let away = meet(&shapes, &Ray::new(on, hit.normal, 0.0));
+                    let away = meet(shapes, &Ray::new(on, hit.normal, 0.0));
                     assert!(away.is_none(), "{kind:?} {away:?}");
                 }
                 let here = all.sample(on, 0.5, [0.3; 2]);
