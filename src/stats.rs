@@ -125,6 +125,8 @@ pub struct Bytes {
     pub embree: usize,
     /// Embree's highest use while building.
     pub embree_peak: usize,
+    /// Limit surfaces, and what the method of tracing holds beside Embree.
+    pub surfaces: usize,
     /// Textures.
     pub textures: usize,
     /// The picture while it is rendered.

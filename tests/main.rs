@@ -17,6 +17,7 @@ mod gprims;
 mod layers;
 mod lights;
 mod manners;
+mod methods;
 mod pictures;
 mod scenes;
 mod smooth;

@@ -4,10 +4,12 @@ mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
 mod triangle;
+mod trimmed;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
 pub use tessellated::Tessellated;
+pub use trimmed::Trimmed;
 
 /// A way to meet rays with one displaced surface. Shared by all render threads.
 pub trait Intersector: Send + Sync {

@@ -2,11 +2,14 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
-use relievo::compare::{CompareOptions, Fineness, Method};
+use clap::Args;
+use relievo::compare::{CompareOptions, Fineness};
 use relievo::error::Warnings;
 use relievo::scene::{self, Description, LoadOptions};
+use relievo::world::Method;
 use relievo::{Error, Result};
+
+use super::method::MethodArgument;
 
 #[derive(Debug, Args)]
 pub(super) struct Compare {
@@ -24,14 +27,6 @@ pub(super) struct Compare {
     /// Dice all edges alike, so that about this many micro-triangles result.
     #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
     micro_triangles: u64,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum MethodArgument {
-    EmbreeSubdivision,
-    EmbreeTriangles,
-    EmbreeGrid,
-    Tessellated,
 }
 
 impl Compare {
@@ -52,13 +47,7 @@ impl Compare {
 
     pub(super) fn options(&self, rays: u64) -> CompareOptions {
         let mut methods: Vec<Method> = Vec::new();
-        for argument in &self.methods {
-            let method = match argument {
-                MethodArgument::EmbreeSubdivision => Method::EmbreeSubdivision,
-                MethodArgument::EmbreeTriangles => Method::EmbreeTriangles,
-                MethodArgument::EmbreeGrid => Method::EmbreeGrid,
-                MethodArgument::Tessellated => Method::Tessellated,
-            };
+        for &MethodArgument(method) in &self.methods {
             if !methods.contains(&method) {
                 methods.push(method);
             }

@@ -4,6 +4,7 @@ mod bench;
 mod compare;
 mod eval;
 mod info;
+mod method;
 mod render;
 mod scheme;
 mod subdivide;

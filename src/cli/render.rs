@@ -17,6 +17,8 @@ use relievo::{Error, Result};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
+use super::method::MethodArgument;
+
 /// Render a scene to a picture.
 ///
 /// A bare OBJ, or a USD file without camera or light, is framed whole and lit by a white dome.
@@ -63,7 +65,10 @@ pub(crate) struct Render {
     /// Pixel filter.
     #[arg(long, value_enum, default_value_t = FilterArgument::BlackmanHarris, help_heading = "Quality")]
     filter: FilterArgument,
-    /// Length of a micro-edge in pixels.
+    /// How surfaces are traced.
+    #[arg(long, value_enum, default_value_t = MethodArgument::default(), help_heading = "Quality")]
+    method: MethodArgument,
+    /// Length of a micro-edge in pixels, on the displaced surface.
     #[arg(long, default_value_t = 1.0, help_heading = "Quality")]
     dicing_rate: f32,
     /// Chooses the random numbers: another seed, another noise.
@@ -326,6 +331,7 @@ impl Render {
             camera: self.camera,
             depth_of_field: !self.no_depth_of_field,
             build: BuildOptions {
+                method: self.method.0,
                 dicing: Dicing {
                     rate: self.dicing_rate,
                     ..Dicing::default()

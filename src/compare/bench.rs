@@ -13,13 +13,13 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Method, Prepared, prepare, together};
+use super::traced::{Prepared, prepare, together};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::camera;
 use crate::scene::Description;
 use crate::trace::{Device, DeviceOptions, Scene};
-use crate::world::objects;
+use crate::world::{Method, objects};
 
 /// Times that everything is measured.
 const REPEATS: usize = 5;

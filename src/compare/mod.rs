@@ -7,8 +7,9 @@ mod traced;
 mod verify;
 
 pub use bench::{Bench, BenchRow, BySpeed, Machine, bench};
-pub use traced::Method;
 pub use verify::{Verified, VerifyRow, verify};
+
+use crate::world::Method;
 
 /// How finely surfaces are diced.
 #[derive(Debug, Clone, Copy, PartialEq)]

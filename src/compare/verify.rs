@@ -10,14 +10,14 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Method, Prepared, Traced, prepare};
+use super::traced::{Prepared, Traced, prepare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Ray, Vec3};
 use crate::render::camera;
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::objects;
+use crate::world::{Method, objects};
 
 /// How many times as fine references are, along an edge.
 const FINER: u32 = 4;
@@ -105,7 +105,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
                 continue;
             }
             let traced = prepared.build(method, &prepared.rates, &device)?;
-            let leaks = if is_closed(prepared) {
+            let leaks = if prepared.object.surface.is_closed() {
                 leaks(prepared, &traced, options.rays)
             } else {
                 0
@@ -224,14 +224,6 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
         found.degrees = cos.clamp(-1.0, 1.0).acos().to_degrees();
     }
     found
-}
-
-/// Whether the surface has no border.
-fn is_closed(prepared: &Prepared) -> bool {
-    let topology = &prepared.topology;
-    prepared.object.mesh.holes.is_empty()
-        && (0..topology.edge_count() as u32)
-            .all(|e| topology.edge_corners(e).len() == 2 && topology.is_edge_manifold(e))
 }
 
 /// Rays from inside of a closed mesh that meet nothing.

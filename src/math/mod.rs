@@ -7,5 +7,5 @@ mod ray;
 
 pub use bounds::Bounds3;
 pub use frame::Frame;
-pub use glam::{Affine3A, DAffine3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
+pub use glam::{Affine2, Affine3A, DAffine3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
 pub use ray::Ray;

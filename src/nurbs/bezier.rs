@@ -278,10 +278,34 @@ impl BezierFaces {
         })
     }
 
-    /// Whether the surface breaks at the line before piece `piece` (from 1) along `axis`.
-    pub fn breaks(&self, axis: usize, piece: usize) -> bool {
-        let pieces = &self.axes[axis].pieces;
-        pieces[piece - 1].lines[1] != pieces[piece].lines[0]
+    /// The homogeneous Bezier points (w P, w) of the part of a face from `low` to `high`, u fastest. The part may be a
+    /// line or a point.
+    pub fn part(&self, key: usize, face: usize, low: [f64; 2], high: [f64; 2]) -> Vec<DVec4> {
+        let [across, along] = self.of_face(face).map(|piece| piece.first);
+        let (width, [columns, rows]) = (self.axes[0].points, self.orders());
+        let mut out = Vec::with_capacity(columns * rows);
+        for row in self.points[key].chunks_exact(width).skip(along).take(rows) {
+            let mut line = row[across..across + columns].to_vec();
+            restrict(&mut line, low[0], high[0]);
+            out.extend(line);
+        }
+        for column in 0..columns {
+            let mut line: Vec<DVec4> = (0..rows).map(|r| out[r * columns + column]).collect();
+            restrict(&mut line, low[1], high[1]);
+            for (r, point) in line.into_iter().enumerate() {
+                out[r * columns + column] = point;
+            }
+        }
+        out
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        self.points
+            .iter()
+            .map(|points| size_of_val(points.as_slice()))
+            .sum::<usize>()
+            + size_of_val(self.vertices.as_slice())
     }
 
     fn of_face(&self, face: usize) -> [&Piece; 2] {
@@ -495,6 +519,26 @@ fn root(parent: &[usize], mut v: usize) -> usize {
         v = parent[v];
     }
     v
+}
+
+/// The Bezier points of a curve's part from `a` to `b`: cut off behind `b`, then before `a` (de Casteljau).
+fn restrict(points: &mut [DVec4], a: f64, b: f64) {
+    let last = points.len() - 1;
+    if b < 1.0 {
+        for n in 1..=last {
+            for k in (n..=last).rev() {
+                points[k] = points[k - 1].lerp(points[k], b);
+            }
+        }
+    }
+    if a > 0.0 {
+        let a = (a / b).min(1.0);
+        for n in (0..last).rev() {
+            for k in 0..=n {
+                points[k] = points[k].lerp(points[k + 1], a);
+            }
+        }
+    }
 }
 
 /// Diagonal of the box around some points, and the largest coordinate.

@@ -2,9 +2,8 @@
 //!
 //! A [`NurbsSurface`] is the patch as a function of its own parameters u and v. [`BezierFaces`] is the same surface
 //! cut at its knots into rational Bezier pieces, each a face on the unit square that knows its neighbours; this
-//! is what later stages work on. A [`Trim`] says which part of the parameter plane is kept, and a [`Region`] cuts that
-//! part into pieces for drawing. All arithmetic is in f64. What comes in has passed
-//! [`crate::mesh::NurbsPatch::validate`].
+//! is what later stages work on. A [`Trim`] says which part of the parameter plane is kept. All
+//! arithmetic is in f64. What comes in has passed [`crate::mesh::NurbsPatch::validate`].
 //!
 //! ```text
 //!   corner 3 --- edge 2 --- corner 2
@@ -16,7 +15,6 @@
 
 pub mod basis;
 mod bezier;
-mod region;
 mod surface;
 mod trim;
 
@@ -24,6 +22,5 @@ mod trim;
 pub(crate) mod tests;
 
 pub use bezier::{BezierFaces, EdgeUse};
-pub use region::Region;
 pub use surface::{NurbsSurface, SurfacePoint};
 pub use trim::{Cover, Trim};

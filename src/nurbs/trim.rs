@@ -109,21 +109,6 @@ impl Trim {
         }
     }
 
-    /// The loops as closed polygons that stay within `tolerance` (in u, in v) of the curves.
-    pub fn polygons(&self, tolerance: [f64; 2]) -> Vec<Vec<[f64; 2]>> {
-        let flatten = |pieces: &Vec<Piece>| {
-            let mut polygon = Vec::new();
-            for piece in pieces {
-                polygon.push(place(piece[0]));
-                flatten(piece, tolerance, FLATTEN_HALVINGS, &mut polygon);
-                // The end is the next one's beginning.
-                polygon.pop();
-            }
-            polygon
-        };
-        self.loops.iter().map(flatten).collect()
-    }
-
     /// Whether the piece crosses the ray from `point` towards larger u an odd number of times.
     fn crosses(&self, piece: &[[f64; 3]], point: [f64; 2], halvings: u32) -> bool {
         let [u, v] = point;
@@ -251,35 +236,4 @@ fn halves(piece: &[[f64; 3]]) -> [Piece; 2] {
         }
     }
     [left, right]
-}
-
-/// Chords of more halvings than this are not drawn: a million for a piece.
-const FLATTEN_HALVINGS: u32 = 20;
-
-/// Adds the ends of chords along a piece: each chord's hull is within the tolerance of it.
-fn flatten(piece: &[[f64; 3]], tolerance: [f64; 2], halvings: u32, out: &mut Vec<[f64; 2]>) {
-    let (start, end) = (place(piece[0]), place(piece[piece.len() - 1]));
-    // In units of the tolerance: how far a point is from the chord.
-    let scaled = |p: [f64; 2]| [p[0] / tolerance[0], p[1] / tolerance[1]];
-    let (a, b) = (scaled(start), scaled(end));
-    let chord = [b[0] - a[0], b[1] - a[1]];
-    let squared = chord[0] * chord[0] + chord[1] * chord[1];
-    let far = |p: &[f64; 3]| {
-        let p = scaled(place(*p));
-        let along = [p[0] - a[0], p[1] - a[1]];
-        let t = if squared > 0.0 {
-            ((along[0] * chord[0] + along[1] * chord[1]) / squared).clamp(0.0, 1.0)
-        } else {
-            0.0
-        };
-        let off = [along[0] - t * chord[0], along[1] - t * chord[1]];
-        off[0] * off[0] + off[1] * off[1] > 1.0
-    };
-    if halvings == 0 || piece.len() == 2 || !piece.iter().any(far) {
-        out.push(end);
-        return;
-    }
-    let [a, b] = halves(piece);
-    flatten(&a, tolerance, halvings - 1, out);
-    flatten(&b, tolerance, halvings - 1, out);
 }

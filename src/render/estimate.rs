@@ -7,8 +7,8 @@ use crate::scene::{AspectRatioConform, Description};
 use crate::shade::camera::{Camera, CameraOptions};
 use crate::world::{Dicing, micro_triangles};
 
-/// Bytes that Embree holds for a micro-triangle of a subdivision surface, tree included, as `--stats` shows them for
-/// `scenes/first-light`.
+/// Bytes that Embree holds for a micro-triangle as a part of a grid, tree included, as `--stats` shows them for
+/// `scenes/creature`.
 const BYTES_PER_MICRO_TRIANGLE: u64 = 22;
 
 /// Bytes and counts; those of Embree are right to about a factor of two.

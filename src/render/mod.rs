@@ -153,6 +153,7 @@ pub fn render(
         control_meshes: description.shapes.iter().map(|s| s.geometry.memory()).sum(),
         embree: device.memory(),
         embree_peak: device.peak_memory(),
+        surfaces: built.surface_bytes,
         textures: built.texture_bytes,
         film: film_bytes,
     };

@@ -3,7 +3,7 @@
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-use crate::math::{Vec2, Vec3, Vec4};
+use crate::math::{Affine2, Vec2, Vec3, Vec4};
 use crate::scene::{self, Channels, Transform2d};
 
 /// Something that has a colour at every texture coordinate.
@@ -36,6 +36,11 @@ impl StTransform {
             y: transform.scale.y * Vec2::new(-sin, cos),
             translation: transform.translation,
         }
+    }
+
+    /// The same as a matrix.
+    pub fn affine(&self) -> Affine2 {
+        Affine2::from_cols(self.x, self.y, self.translation)
     }
 
     /// Where `st` goes.

@@ -34,6 +34,16 @@ pub trait Base: Send + Sync {
         false
     }
 
+    /// Whether parts of faces are cut away: those that [`is_kept`](Self::is_kept) says no to.
+    fn is_trimmed(&self) -> bool {
+        false
+    }
+
+    /// Whether a point of a face is part of the surface. Asked at hits, where the surface is trimmed.
+    fn is_kept(&self, _face: u32, _uv: Vec2) -> bool {
+        true
+    }
+
     /// Whether `du × dv` points to the back.
     fn left_handed(&self) -> bool {
         false
@@ -109,6 +119,28 @@ pub trait Base: Send + Sync {
 
     /// Bytes held, beyond the control mesh.
     fn memory(&self) -> usize;
+}
+
+/// A limit surface with the values that its file gives it: what shading asks of it. Primvars have numbers, their
+/// slots.
+pub trait Carrier: Base {
+    /// The file's face that a face is a part of.
+    fn parent(&self, face: u32) -> u32;
+
+    /// The slot of the primvar of this name, if the surface carries one of at least `width` components.
+    fn slot(&self, name: &str, width: usize) -> Option<usize>;
+
+    /// Whether the primvar of a slot is what [`Base::texcoord`] gives.
+    fn is_texcoord(&self, slot: usize) -> bool;
+
+    /// The first components of a primvar, as many as `out` is long and at most as many as it has.
+    ///
+    /// # Panics
+    /// If there is no such slot, or it has fewer components.
+    fn primvar(&self, slot: usize, face: u32, uv: Vec2, out: &mut [f32]);
+
+    /// Two components of a primvar with their derivatives; nothing if it has fewer, or is the same all over a face.
+    fn primvar_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord>;
 }
 
 /// One side of an edge.

@@ -44,9 +44,13 @@ pub struct FaceGrid {
 pub struct Diced {
     /// By motion key, evenly over the shutter.
     positions: Arc<Vec<Vec<Vec3>>>,
-    grids: Vec<FaceGrid>,
+    grids: Arc<Grids>,
     left_handed: bool,
 }
+
+/// The grids of a [`Diced`] surface without its micro-vertices: all that is needed to go from a triangle to the face.
+#[derive(Debug, Clone)]
+pub struct Grids(Vec<FaceGrid>);
 
 impl FaceGrid {
     /// The grid of a face that is not a hole, as the first one of a surface.
@@ -150,7 +154,7 @@ impl Diced {
             .collect();
         Self {
             positions: Arc::new(positions),
-            grids,
+            grids: Arc::new(Grids(grids)),
             left_handed: base.left_handed(),
         }
     }
@@ -162,6 +166,11 @@ impl Diced {
 
     /// The grids, in the order of their faces.
     pub fn grids(&self) -> &[FaceGrid] {
+        &self.grids.0
+    }
+
+    /// The same for whoever needs no vertices.
+    pub fn shared_grids(&self) -> &Arc<Grids> {
         &self.grids
     }
 
@@ -172,7 +181,57 @@ impl Diced {
 
     /// How many micro-triangles there are, those without area included.
     pub fn triangles(&self) -> u64 {
-        self.grids
+        self.grids.triangles()
+    }
+
+    /// The grid that holds a triangle, and the triangle's number in it.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn locate(&self, triangle: u64) -> (&FaceGrid, u64) {
+        self.grids.locate(triangle)
+    }
+
+    /// The numbers of a triangle's vertices.
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn corners(&self, triangle: u64) -> [u64; 3] {
+        let (grid, within) = self.locate(triangle);
+        grid.corners(within).map(|(i, j)| grid.vertex(i, j))
+    }
+
+    /// As [`Grids::face_uv`].
+    ///
+    /// # Panics
+    /// If there is no such triangle.
+    pub fn face_uv(&self, triangle: u64, uv: Vec2) -> (u32, Vec2) {
+        self.grids.face_uv(triangle, uv)
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        let positions: usize = self
+            .positions
+            .iter()
+            .map(|p| size_of_val(p.as_slice()))
+            .sum();
+        positions + self.grids.memory()
+    }
+}
+
+impl Grids {
+    /// The grid of this number.
+    ///
+    /// # Panics
+    /// If there is none.
+    pub fn get(&self, number: u32) -> &FaceGrid {
+        &self.0[number as usize]
+    }
+
+    /// How many micro-triangles there are, those without area included.
+    pub fn triangles(&self) -> u64 {
+        self.0
             .last()
             .map_or(0, |grid| grid.first_triangle + grid.triangles())
     }
@@ -183,19 +242,10 @@ impl Diced {
     /// If there is no such triangle.
     pub fn locate(&self, triangle: u64) -> (&FaceGrid, u64) {
         let next = self
-            .grids
+            .0
             .partition_point(|grid| grid.first_triangle <= triangle);
-        let grid = &self.grids[next - 1];
+        let grid = &self.0[next - 1];
         (grid, triangle - grid.first_triangle)
-    }
-
-    /// The numbers of a triangle's vertices.
-    ///
-    /// # Panics
-    /// If there is no such triangle.
-    pub fn corners(&self, triangle: u64) -> [u64; 3] {
-        let (grid, within) = self.locate(triangle);
-        grid.corners(within).map(|(i, j)| grid.vertex(i, j))
     }
 
     /// The face and the parameters on it of the point of a triangle with barycentric weights `u` of its second and `v`
@@ -210,12 +260,7 @@ impl Diced {
 
     /// Bytes held.
     pub fn memory(&self) -> usize {
-        let positions: usize = self
-            .positions
-            .iter()
-            .map(|p| size_of_val(p.as_slice()))
-            .sum();
-        positions + size_of_val(self.grids.as_slice())
+        size_of_val(self.0.as_slice())
     }
 }
 

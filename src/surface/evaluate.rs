@@ -75,6 +75,18 @@ impl Surface {
         &*self.base
     }
 
+    /// Whether it has no border: two faces at each edge, no holes and nothing trimmed away.
+    pub fn is_closed(&self) -> bool {
+        let two = |edge| self.adjacency.edge(edge).len() == 2;
+        let mut sides = (0..self.base.faces()).flat_map(|face| (0..4).map(move |k| (face, k)));
+        let whole = !self.base.is_trimmed();
+        whole
+            && sides.all(|(face, k)| {
+                !self.base.is_hole(face)
+                    && (self.base.is_collapsed(face, k) || two(self.base.edge(face, k).edge))
+            })
+    }
+
     /// How it is displaced.
     pub fn displacement(&self) -> &Displacement {
         &self.displacement

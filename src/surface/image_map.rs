@@ -2,17 +2,19 @@
 
 use std::sync::Arc;
 
-use super::base::Texcoord;
+use super::base::{Texcoord, UvRect};
 use super::displace::{DisplacementMap, DisplacementPoint, MapGrid, Region, Slope};
 use super::pyramid::Pyramid;
 use crate::image::Texture;
-use crate::math::{Bounds3, Vec3};
+use crate::math::{Affine2, Bounds3, Vec2, Vec3, Vec4};
 
 /// Which channels of an image are displacement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channels {
     /// The first one.
     Scalar,
+    /// One of the four that a look-up gives, counted from 0.
+    Component(u8),
     /// The first three.
     Vector,
 }
@@ -23,45 +25,107 @@ pub enum Channels {
 pub struct ImageMap {
     texture: Arc<Texture>,
     channels: Channels,
-    pyramid: Pyramid,
+    /// None for alpha, which has no certain bounds.
+    pyramid: Option<Arc<Pyramid>>,
+    /// Where texture coordinates are looked up.
+    moved: Affine2,
 }
 
 impl ImageMap {
     /// Of a texture that materials may share.
+    ///
+    /// # Panics
+    /// If a component is beyond the fourth.
     pub fn new(texture: Arc<Texture>, channels: Channels) -> Self {
         let count = match channels {
             Channels::Scalar => 1,
+            Channels::Component(component) => usize::from(component) + 1,
             Channels::Vector => 3,
         };
+        assert!(count <= 4, "a look-up gives four components");
         Self {
-            pyramid: Pyramid::new(&texture, count),
+            pyramid: (count <= 3).then(|| Arc::new(Pyramid::new(&texture, count))),
             texture,
             channels,
+            moved: Affine2::IDENTITY,
+        }
+    }
+
+    /// The same image, with texture coordinates going through `moved` before they are looked up.
+    #[must_use]
+    pub fn moved(&self, moved: Affine2) -> Self {
+        Self {
+            moved,
+            ..self.clone()
         }
     }
 
     /// What a look-up means.
-    fn of(&self, value: Vec3) -> Vec3 {
+    fn of(&self, value: Vec4) -> Vec3 {
         match self.channels {
             Channels::Scalar => Vec3::new(value.x, 0.0, 0.0),
-            Channels::Vector => value,
+            Channels::Component(component) => Vec3::new(value[usize::from(component)], 0.0, 0.0),
+            Channels::Vector => value.truncate(),
+        }
+    }
+
+    fn place(&self, st: Vec2) -> Vec2 {
+        self.moved.transform_point2(st)
+    }
+
+    /// A rectangle around all places of a rectangle's texture coordinates.
+    fn place_rect(&self, rect: &UvRect) -> UvRect {
+        if self.moved == Affine2::IDENTITY {
+            return *rect;
+        }
+        let corners = [
+            rect.min,
+            rect.max,
+            Vec2::new(rect.min.x, rect.max.y),
+            Vec2::new(rect.max.x, rect.min.y),
+        ]
+        .map(|st| self.place(st));
+        // Two products and two sums, each rounded.
+        let largest = rect.min.abs().max(rect.max.abs());
+        let matrix = self.moved.matrix2.abs();
+        let slack = 4.0 * f32::EPSILON * (matrix * largest + self.moved.translation.abs());
+        let bound =
+            |pick: fn(Vec2, Vec2) -> Vec2| corners[1..].iter().fold(corners[0], |a, &b| pick(a, b));
+        UvRect {
+            min: bound(Vec2::min) - slack,
+            max: bound(Vec2::max) + slack,
         }
     }
 }
 
 impl DisplacementMap for ImageMap {
     fn value(&self, at: &DisplacementPoint) -> Vec3 {
-        self.of(self.texture.eval(at.st).truncate())
+        self.of(self.texture.eval(self.place(at.st)))
     }
 
     fn values(&self, grid: &MapGrid<'_>, out: &mut Vec<Vec3>) -> bool {
+        let moved: Vec<Vec2>;
+        let st = if self.moved == Affine2::IDENTITY {
+            grid.st
+        } else {
+            moved = grid.st.iter().map(|&st| self.place(st)).collect();
+            &moved
+        };
+        let scalar = |x: f32| Vec3::new(x, 0.0, 0.0);
         match self.channels {
-            Channels::Scalar => self
-                .texture
-                .look_up(grid.st, out, |[x]| Vec3::new(x, 0.0, 0.0)),
-            Channels::Vector => self
-                .texture
-                .look_up(grid.st, out, |xyz: [f32; 3]| Vec3::from(xyz)),
+            Channels::Scalar | Channels::Component(0) => {
+                self.texture.look_up(st, out, |[x]| scalar(x));
+            }
+            Channels::Component(1) => self.texture.look_up(st, out, |[_, y]| scalar(y)),
+            Channels::Component(2) => self.texture.look_up(st, out, |[_, _, z]| scalar(z)),
+            Channels::Component(_) => {
+                out.clear();
+                out.extend(st.iter().map(|&st| self.of(self.texture.eval(st))));
+            }
+            Channels::Vector => {
+                self.texture
+                    .look_up(st, out, |xyz: [f32; 3]| Vec3::from(xyz));
+            }
         }
         true
     }
@@ -69,19 +133,36 @@ impl DisplacementMap for ImageMap {
     fn slope(&self, at: &DisplacementPoint, texcoord: &Texcoord) -> Option<Slope> {
         let [by_s, by_t] = self
             .texture
-            .slope(at.st)
-            .map(|slope| self.of(slope.truncate()));
+            .slope(self.place(at.st))
+            .map(|slope| self.of(slope));
+        let along = |d: Vec2| {
+            let d = self.moved.transform_vector2(d);
+            d.x * by_s + d.y * by_t
+        };
         Some(Slope {
-            du: texcoord.du.x * by_s + texcoord.du.y * by_t,
-            dv: texcoord.dv.x * by_s + texcoord.dv.y * by_t,
+            du: along(texcoord.du),
+            dv: along(texcoord.dv),
         })
     }
 
     fn bound(&self, region: &Region) -> Option<Bounds3> {
-        Some(self.pyramid.range(&self.texture, &region.st?))
+        let range = self
+            .pyramid
+            .as_ref()?
+            .range(&self.texture, &self.place_rect(&region.st?));
+        Some(match self.channels {
+            Channels::Component(component) => {
+                let axis = usize::from(component);
+                Bounds3 {
+                    min: Vec3::new(range.min[axis], 0.0, 0.0),
+                    max: Vec3::new(range.max[axis], 0.0, 0.0),
+                }
+            }
+            Channels::Scalar | Channels::Vector => range,
+        })
     }
 
     fn memory(&self) -> usize {
-        self.pyramid.memory()
+        self.pyramid.as_ref().map_or(0, |pyramid| pyramid.memory())
     }
 }

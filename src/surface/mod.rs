@@ -8,11 +8,13 @@ mod adjacency;
 mod base;
 mod bicubic;
 mod bounds;
+mod carried;
 mod dice;
 mod displace;
 mod evaluate;
 mod image_map;
 mod parts;
+mod patch;
 mod pyramid;
 mod rates;
 mod shared;
@@ -20,15 +22,18 @@ mod subdivision;
 #[cfg(test)]
 pub(crate) mod tests;
 
-pub use base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect, edge_uv};
+pub use base::{
+    Base, Carrier, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect, edge_uv,
+};
 pub use bicubic::Bicubic;
-pub use dice::{Diced, FaceGrid};
+pub use dice::{Diced, FaceGrid, Grids};
 pub use displace::{
     Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,
     Space,
 };
 pub use evaluate::{DisplacedPoint, Faults, Surface};
 pub use image_map::{Channels, ImageMap};
+pub use patch::Patch;
 pub use pyramid::Pyramid;
 pub use rates::{Dicing, MOST_SEGMENTS, Places, Rates, View};
 pub use shared::{Scratch, SharedSamples};

@@ -5,11 +5,12 @@
 //! each point is evaluated alone, without second derivatives.
 
 use super::Bicubic;
-use super::base::{Base, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect};
+use super::base::{Base, Carrier, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect};
+use super::carried::{Carried, Varying};
 use super::parts::{Part, Shape, parts};
 use super::rates::Rates;
 use crate::math::{Bounds3, Vec2, Vec3};
-use crate::mesh::{ControlMesh, FaceVaryingInterpolation, Interpolation, Primvar, Topology};
+use crate::mesh::{ControlMesh, Topology};
 use crate::subdiv::{Field, LimitSurface};
 
 /// The limit surface of a control mesh.
@@ -19,19 +20,15 @@ pub struct Subdivision {
     points: Vec<Field<f32>>,
     /// The largest coordinate of each key.
     largest: Vec<f32>,
-    texcoords: Option<Texcoords>,
+    /// By slot, with their names.
+    primvars: Vec<(String, Carried)>,
+    /// Which of them is the texture coordinates.
+    texcoords: Option<usize>,
     parts: Vec<Part>,
     is_cut: bool,
+    /// The face of the mesh that each part is of, if faces are cut.
+    parents: Vec<u32>,
     left_handed: bool,
-}
-
-/// Texture coordinates as a surface of their own.
-struct Texcoords {
-    /// Unless the points' one serves.
-    limit: Option<LimitSurface>,
-    /// s, t and 0.
-    st: Field<f32>,
-    largest: f32,
 }
 
 /// Evaluations in single precision err by fewer units of 2^-24 of the largest coordinate.
@@ -41,17 +38,40 @@ impl Subdivision {
     /// The surface of a valid mesh. `texcoords` names a primvar of two components, which a point, a vertex or a
     /// corner has; without one the surface has none.
     pub fn new(mesh: &ControlMesh, texcoords: Option<&str>) -> Self {
+        let names: Vec<&str> = texcoords.into_iter().collect();
+        Self::carrying(mesh, &names, texcoords)
+    }
+
+    /// As [`new`](Self::new), with those of the mesh's primvars that are named.
+    pub fn carrying(mesh: &ControlMesh, names: &[&str], texcoords: Option<&str>) -> Self {
         let limit = LimitSurface::new(mesh);
         let topology = mesh.topology();
         let (parts, is_cut) = parts(mesh, &topology, limit.is_triangular());
         let points: Vec<Field<f32>> = (0..mesh.points.len())
             .map(|key| limit.points(mesh, key))
             .collect();
+        let primvars: Vec<(String, Carried)> = names
+            .iter()
+            .filter_map(|name| mesh.primvar(name))
+            .map(|primvar| {
+                let carried = Carried::new(mesh, &topology, &limit, primvar);
+                (primvar.name.clone(), carried)
+            })
+            .collect();
+        let is_texcoord = |(name, carried): &(String, Carried)| {
+            Some(name.as_str()) == texcoords
+                && matches!(carried, Carried::Varying(varying) if varying.width == 2)
+        };
+        let face_of_part = |face: usize| topology.corners(face as u32).map(move |_| face as u32);
         Self {
             largest: points.iter().map(|field| field.largest() as f32).collect(),
-            texcoords: texcoords
-                .and_then(|name| mesh.primvar(name))
-                .and_then(|primvar| Texcoords::new(mesh, &topology, &limit, primvar)),
+            texcoords: primvars.iter().position(is_texcoord),
+            primvars,
+            parents: if is_cut {
+                (0..topology.face_count()).flat_map(face_of_part).collect()
+            } else {
+                Vec::new()
+            },
             limit,
             points,
             parts,
@@ -84,6 +104,14 @@ impl Subdivision {
                 }
             })
             .collect()
+    }
+
+    /// The texture coordinates and the surface over which they are smooth.
+    fn texcoords(&self) -> Option<(&LimitSurface, &Varying)> {
+        match &self.primvars[self.texcoords?].1 {
+            Carried::Varying(st) => Some((st.limit.as_ref().unwrap_or(&self.limit), st)),
+            _ => None,
+        }
     }
 
     /// The whole face as one patch, if it is.
@@ -223,62 +251,6 @@ fn turned(patch: &Bicubic, corner: u8) -> Bicubic {
     }))
 }
 
-impl Texcoords {
-    fn new(
-        mesh: &ControlMesh,
-        topology: &Topology,
-        limit: &LimitSurface,
-        primvar: &Primvar,
-    ) -> Option<Self> {
-        if primvar.width != 2 {
-            return None;
-        }
-        let three = |element: &[f32]| [element[0], element[1], 0.0];
-        let (own, st) = match primvar.interpolation {
-            Interpolation::Constant | Interpolation::Uniform => return None,
-            Interpolation::Vertex => {
-                let values = (0..mesh.point_count()).flat_map(|v| three(primvar.get(v)));
-                (None, limit.field(values.collect(), 3))
-            }
-            Interpolation::Varying => {
-                // Linear over each face: as by corners, which are nowhere smooth.
-                let indices = (0..topology.corner_count() as u32).map(|corner| {
-                    let vertex = topology.vertex(corner);
-                    primvar
-                        .indices
-                        .as_ref()
-                        .map_or(vertex, |i| i[vertex as usize])
-                });
-                let by_corner = Primvar {
-                    interpolation: Interpolation::FaceVarying,
-                    indices: Some(indices.collect()),
-                    ..primvar.clone()
-                };
-                let rule = FaceVaryingInterpolation::All;
-                let (own, elements) = LimitSurface::face_varying(mesh, &by_corner, rule);
-                let values = elements
-                    .iter()
-                    .flat_map(|&e| three(primvar.element(e as usize)));
-                let st = own.field(values.collect(), 3);
-                (Some(own), st)
-            }
-            Interpolation::FaceVarying => {
-                let (own, elements) = LimitSurface::face_varying(mesh, primvar, mesh.face_varying);
-                let values = elements
-                    .iter()
-                    .flat_map(|&e| three(primvar.element(e as usize)));
-                let st = own.field(values.collect(), 3);
-                (Some(own), st)
-            }
-        };
-        Some(Self {
-            limit: own,
-            largest: st.largest() as f32,
-            st,
-        })
-    }
-}
-
 impl Base for Subdivision {
     fn faces(&self) -> u32 {
         self.parts.len() as u32
@@ -329,22 +301,7 @@ impl Base for Subdivision {
     }
 
     fn texcoord(&self, face: u32, uv: Vec2) -> Option<Texcoord> {
-        let texcoords = self.texcoords.as_ref()?;
-        if self.is_hole(face) {
-            return Some(Texcoord::default());
-        }
-        let limit = texcoords.limit.as_ref().unwrap_or(&self.limit);
-        let p = self.limit_point(limit, &texcoords.st, face, uv);
-        let [st, du, dv, duu, duv, dvv] =
-            [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::truncate);
-        Some(Texcoord {
-            st,
-            du,
-            dv,
-            duu,
-            duv,
-            dvv,
-        })
+        self.primvar_slopes(self.texcoords?, face, uv)
     }
 
     fn texcoord_grid(
@@ -356,12 +313,11 @@ impl Base for Subdivision {
         out: &mut TexcoordGrid,
     ) -> bool {
         out.clear();
-        let Some(texcoords) = &self.texcoords else {
+        let Some((limit, st)) = self.texcoords() else {
             return false;
         };
-        let limit = texcoords.limit.as_ref().unwrap_or(&self.limit);
         let mut grid = LimitGrid::default();
-        self.grid(limit, &texcoords.st, face, [us, vs], &mut grid);
+        self.grid(limit, &st.field, face, [us, vs], &mut grid);
         for i in 0..grid.len() {
             out.st.push(grid.position(i).truncate());
             if slopes {
@@ -374,9 +330,8 @@ impl Base for Subdivision {
     }
 
     fn texcoord_hull(&self, face: u32, rect: &UvRect) -> Option<UvRect> {
-        let texcoords = self.texcoords.as_ref()?;
-        let limit = texcoords.limit.as_ref().unwrap_or(&self.limit);
-        let bounds = self.hull_of(limit, &texcoords.st, texcoords.largest, face, rect);
+        let (limit, st) = self.texcoords()?;
+        let bounds = self.hull_of(limit, &st.field, st.largest, face, rect);
         Some(UvRect {
             min: bounds.min.truncate(),
             max: bounds.max.truncate(),
@@ -384,12 +339,75 @@ impl Base for Subdivision {
     }
 
     fn memory(&self) -> usize {
-        let texcoords = self.texcoords.as_ref().map_or(0, |t| {
-            t.limit.as_ref().map_or(0, LimitSurface::memory) + t.st.memory()
-        });
         self.limit.memory()
             + self.points.iter().map(Field::memory).sum::<usize>()
+            + self.primvars.iter().map(|(_, p)| p.memory()).sum::<usize>()
             + size_of_val(self.parts.as_slice())
-            + texcoords
+            + size_of_val(self.parents.as_slice())
+    }
+}
+
+impl Carrier for Subdivision {
+    fn parent(&self, face: u32) -> u32 {
+        if self.is_cut {
+            self.parents[face as usize]
+        } else {
+            face
+        }
+    }
+
+    fn slot(&self, name: &str, width: usize) -> Option<usize> {
+        let fits = |(n, carried): &(String, Carried)| n == name && carried.width() >= width;
+        self.primvars.iter().position(fits)
+    }
+
+    fn is_texcoord(&self, slot: usize) -> bool {
+        self.texcoords == Some(slot)
+    }
+
+    fn primvar(&self, slot: usize, face: u32, uv: Vec2, out: &mut [f32]) {
+        let value = match &self.primvars[slot].1 {
+            Carried::Constant(value) => value,
+            Carried::Uniform(primvar) => primvar.get(self.parent(face) as usize),
+            Carried::Varying(varying) => {
+                let limit = varying.limit.as_ref().unwrap_or(&self.limit);
+                let part = &self.parts[face as usize];
+                let [u, v] = part.shape.place(uv).uv;
+                if varying.width <= 3 {
+                    let value = limit.first_order(&varying.field, part.ptex, u, v).position;
+                    out.copy_from_slice(&value[..out.len()]);
+                } else {
+                    let mut value = vec![0.0; varying.width];
+                    limit.interpolate(&varying.field, part.ptex, u, v, &mut value);
+                    out.copy_from_slice(&value[..out.len()]);
+                }
+                return;
+            }
+        };
+        out.copy_from_slice(&value[..out.len()]);
+    }
+
+    fn primvar_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord> {
+        let Carried::Varying(varying) = &self.primvars[slot].1 else {
+            return None;
+        };
+        if !(2..=3).contains(&varying.width) {
+            return None;
+        }
+        if self.is_hole(face) {
+            return Some(Texcoord::default());
+        }
+        let limit = varying.limit.as_ref().unwrap_or(&self.limit);
+        let p = self.limit_point(limit, &varying.field, face, uv);
+        let [st, du, dv, duu, duv, dvv] =
+            [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::truncate);
+        Some(Texcoord {
+            st,
+            du,
+            dv,
+            duu,
+            duv,
+            dvv,
+        })
     }
 }

@@ -86,6 +86,14 @@ impl Device {
         usize::try_from(bytes).unwrap_or(0)
     }
 
+    /// The most bytes that it may hold, if there is a limit.
+    pub fn memory_budget(&self) -> Option<usize> {
+        let budget = self.0.monitor.budget;
+        (budget != isize::MAX)
+            .then(|| usize::try_from(budget).ok())
+            .flatten()
+    }
+
     /// The most bytes that Embree held at once.
     pub fn peak_memory(&self) -> usize {
         let bytes = self.0.monitor.peak.load(Ordering::Relaxed);

@@ -6,11 +6,10 @@
 //! [`Tessellated`](crate::accel::Tessellated) does not let happen.
 
 use super::device::Device;
-use super::geometry::{Geometry, Grid};
-use super::scene::SceneHit;
+use super::geometry::{Geometry, Grid, Handle, Kind};
 use crate::error::{Error, Result};
 use crate::math::Vec2;
-use crate::surface::Diced;
+use crate::surface::{Diced, Grids};
 
 impl Geometry {
     /// The micro-triangles, numbered as the diced surface does. For `embree-triangles`.
@@ -26,9 +25,8 @@ impl Geometry {
                     .map(|(i, j)| grid.vertex(i, j) as u32)
             }));
         }
-        let mut geometry = Self::triangles(device, indices, diced.positions().clone())?;
-        geometry.flipped = diced.left_handed();
-        Ok(geometry)
+        let handle = Self::triangle_handle(device, &indices, diced.positions())?;
+        Ok(Self::of_diced(handle, diced))
     }
 
     /// One grid for each face, numbered as the diced surface's. For `embree-grid`.
@@ -37,7 +35,7 @@ impl Geometry {
     /// If there are more vertices than Embree can number, or memory runs out.
     pub fn diced_grids(device: &Device, diced: &Diced) -> Result<Self> {
         check_counts(diced)?;
-        let grids = diced
+        let grids: Vec<Grid> = diced
             .grids()
             .iter()
             .map(|grid| {
@@ -50,27 +48,33 @@ impl Geometry {
                 }
             })
             .collect();
-        let mut geometry = Self::grid(device, grids, diced.positions().clone())?;
+        let handle = Self::grid_handle(device, &grids, diced.positions())?;
+        Ok(Self::of_diced(handle, diced))
+    }
+
+    /// Embree has copies of all that it needs: nothing is kept beside it.
+    fn of_diced(handle: Handle, diced: &Diced) -> Self {
+        let mut geometry = Self::from_parts(handle, Kind::Diced, diced.positions().len());
         geometry.flipped = diced.left_handed();
-        Ok(geometry)
+        geometry
     }
 }
 
-/// The face and the parameters on it of a hit on [`Geometry::diced_triangles`].
+/// The face and the parameters on it of a hit's primitive and parameters, on [`Geometry::diced_triangles`].
 ///
 /// # Panics
 /// If the hit is on another geometry with more primitives.
-pub fn diced_triangle_uv(diced: &Diced, hit: &SceneHit) -> (u32, Vec2) {
-    diced.face_uv(u64::from(hit.primitive), hit.uv)
+pub fn diced_triangle_uv(grids: &Grids, primitive: u32, uv: Vec2) -> (u32, Vec2) {
+    grids.face_uv(u64::from(primitive), uv)
 }
 
-/// The face and the parameters on it of a hit on [`Geometry::diced_grids`].
+/// The face and the parameters on it of a hit's primitive and parameters, on [`Geometry::diced_grids`].
 ///
 /// # Panics
 /// If the hit is on another geometry with more primitives.
-pub fn diced_grid_uv(diced: &Diced, hit: &SceneHit) -> (u32, Vec2) {
-    let grid = &diced.grids()[hit.primitive as usize];
-    (grid.face, grid.grid_uv(hit.uv))
+pub fn diced_grid_uv(grids: &Grids, primitive: u32, uv: Vec2) -> (u32, Vec2) {
+    let grid = grids.get(primitive);
+    (grid.face, grid.grid_uv(uv))
 }
 
 fn check_counts(diced: &Diced) -> Result<()> {

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use embree4_sys as sys;
 
 use super::device::Device;
+use super::filter::Kept;
 use super::panics::PanicSlot;
 use super::scene::Scene;
 use super::subdivision::Subdivision;
@@ -22,6 +23,8 @@ pub struct Geometry {
     // Dropped in this order: Embree's object first, then what it points to.
     pub(super) handle: Handle,
     pub(super) kind: Kind,
+    /// What decides which hits count, if something does.
+    pub(super) kept: Option<Box<Kept>>,
     pub(super) panics: Arc<PanicSlot>,
     pub(super) keys: usize,
     /// Whether Embree's normal points to the back.
@@ -33,6 +36,8 @@ pub struct Geometry {
 pub(super) enum Kind {
     Triangles(Vec<[u32; 3]>, Keys),
     Grids(Vec<Grid>, Keys),
+    /// Micro-triangles of a surface that answers for its points itself.
+    Diced,
     Subdivision(Box<Subdivision>),
     /// What the callbacks borrow.
     User(#[expect(dead_code, reason = "owned for Embree's sake")] Box<dyn Any + Send + Sync>),
@@ -69,7 +74,21 @@ impl Geometry {
     /// # Errors
     /// If indices are out of range, keys differ in length, or memory runs out.
     pub fn triangles(device: &Device, indices: Vec<[u32; 3]>, keys: Keys) -> Result<Self> {
-        let points = check_keys(&keys)?;
+        let handle = Self::triangle_handle(device, &indices, &keys)?;
+        let count = keys.len();
+        Ok(Self::from_parts(
+            handle,
+            Kind::Triangles(indices, keys),
+            count,
+        ))
+    }
+
+    pub(super) fn triangle_handle(
+        device: &Device,
+        indices: &[[u32; 3]],
+        keys: &[Vec<Vec3>],
+    ) -> Result<Handle> {
+        let points = check_keys(keys)?;
         if let Some(i) = indices
             .iter()
             .position(|t| t.iter().any(|&v| v as usize >= points))
@@ -90,14 +109,9 @@ impl Geometry {
             3,
             indices.as_flattened(),
         )?;
-        handle.fill_points(&keys)?;
+        handle.fill_points(keys)?;
         handle.commit()?;
-        let count = keys.len();
-        Ok(Self::from_parts(
-            handle,
-            Kind::Triangles(indices, keys),
-            count,
-        ))
+        Ok(handle)
     }
 
     /// Grids over points at one or more motion keys. A hit's uv runs over the whole grid.
@@ -105,7 +119,17 @@ impl Geometry {
     /// # Errors
     /// If a grid leaves the points, keys differ in length, or memory runs out.
     pub fn grid(device: &Device, grids: Vec<Grid>, keys: Keys) -> Result<Self> {
-        let points = check_keys(&keys)? as u64;
+        let handle = Self::grid_handle(device, &grids, &keys)?;
+        let count = keys.len();
+        Ok(Self::from_parts(handle, Kind::Grids(grids, keys), count))
+    }
+
+    pub(super) fn grid_handle(
+        device: &Device,
+        grids: &[Grid],
+        keys: &[Vec<Vec3>],
+    ) -> Result<Handle> {
+        let points = check_keys(keys)? as u64;
         for (i, g) in grids.iter().enumerate() {
             let side = 2..=0x7fff;
             let last = u64::from(g.start_vertex)
@@ -129,17 +153,16 @@ impl Geometry {
             })
             .collect();
         handle.fill(sys::RTC_BUFFER_TYPE_GRID, 0, sys::RTC_FORMAT_GRID, 3, &raw)?;
-        handle.fill_points(&keys)?;
+        handle.fill_points(keys)?;
         handle.commit()?;
-        let count = keys.len();
-        Ok(Self::from_parts(handle, Kind::Grids(grids, keys), count))
+        Ok(handle)
     }
 
     /// The point at parameters `uv` of a primitive: of the limit surface without displacement, or of the flat
     /// triangle, or of the grid's bilinear quad. On a left-handed mesh `du × dv` points to the back.
     ///
     /// # Panics
-    /// If there is no such primitive, for user geometry, and for subdivision surfaces before the scene that
+    /// If there is no such primitive, for user geometry and diced surfaces, and for subdivision surfaces before the scene that
     /// they are attached to is committed.
     pub fn surface_point(&self, primitive: u32, uv: Vec2, time: f32) -> SurfacePoint {
         match &self.kind {
@@ -171,7 +194,9 @@ impl Geometry {
                 assert!(self.is_ready(), "commit the scene before asking for points");
                 surface.point(&self.handle, primitive, uv, time)
             }
-            Kind::User(_) | Kind::Instance(_) => panic!("only meshes have surface points"),
+            Kind::Diced | Kind::User(_) | Kind::Instance(_) => {
+                panic!("only meshes have surface points")
+            }
         }
     }
 
@@ -222,7 +247,7 @@ impl Geometry {
         match &self.kind {
             Kind::Triangles(indices, keys) => size_of_val(indices.as_slice()) + points(keys),
             Kind::Grids(grids, keys) => size_of_val(grids.as_slice()) + points(keys),
-            Kind::Subdivision(_) | Kind::User(_) | Kind::Instance(_) => 0,
+            Kind::Diced | Kind::Subdivision(_) | Kind::User(_) | Kind::Instance(_) => 0,
         }
     }
 
@@ -234,6 +259,7 @@ impl Geometry {
         Self {
             handle,
             kind,
+            kept: None,
             panics: Arc::default(),
             keys,
             flipped: false,

@@ -10,6 +10,7 @@
 mod control;
 mod device;
 mod diced;
+mod filter;
 mod geometry;
 mod panics;
 mod scene;
@@ -21,6 +22,7 @@ mod user_geometry;
 pub(crate) use control::check_limits;
 pub use device::{Device, DeviceOptions};
 pub use diced::{diced_grid_uv, diced_triangle_uv};
+pub use filter::Filter;
 pub use geometry::{Geometry, Grid, SurfacePoint};
 pub use scene::{Scene, SceneBuilder, SceneHit, SceneOptions};
 pub use subdivision::{

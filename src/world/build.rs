@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::dicing::Dicing;
-use super::geometry::geometry;
-use super::patch::Diced;
+use super::displacement::Heights;
+use super::geometry::{Displaced, Maker, Wanted};
+use super::method::Method;
 use super::shape::Shape;
 use super::worn::Worn;
-use super::{Entry, Placed, World};
+use super::{Entry, Placed, World, patch};
 use crate::accel::Intersector;
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
@@ -21,12 +21,15 @@ use crate::shade::camera::Camera;
 use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Lookup;
+use crate::surface::Dicing;
 use crate::trace::{Device, Geometry, Scene, SceneBuilder, SceneOptions};
 
 /// How to build.
 #[derive(Debug, Clone, Default)]
 pub struct BuildOptions {
-    /// Dicing of subdivision surfaces.
+    /// How surfaces are traced.
+    pub method: Method,
+    /// How finely they are diced.
     pub dicing: Dicing,
     /// Everything Lambert with this albedo; displacement stays.
     pub clay: Option<f32>,
@@ -42,6 +45,8 @@ pub struct Built {
     pub world: World,
     /// Bytes of textures.
     pub texture_bytes: usize,
+    /// Bytes of limit surfaces, and of what the method holds beside Embree.
+    pub surface_bytes: usize,
     /// What was noticed.
     pub warnings: Warnings,
 }
@@ -63,6 +68,14 @@ impl World {
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
         let (mut materials, unbound) = materials(description, &textures, options);
+
+        let mut maker = Maker {
+            device,
+            camera,
+            options,
+            heights: Heights::new(&textures),
+            bytes: 0,
+        };
 
         // Where each shape stands, and whether it can be built in world space right away.
         let mut places: Vec<Vec<u32>> = vec![Vec::new(); description.shapes.len()];
@@ -99,45 +112,36 @@ impl World {
                 .map_err(|fault| name_shape(fault.into(), description, shape))?;
             let displaced = displacement_of(shape, places, description, &materials);
             let whole: Vec<Affine3A> = places.iter().flat_map(|&p| keys(p)).collect();
-            let (control, diced) = match &shape.geometry {
-                scene::Geometry::Mesh(mesh) => (mesh.clone(), None),
-                scene::Geometry::Nurbs(patch) => {
-                    let diced = Diced::new(
-                        patch,
-                        &whole,
-                        camera,
-                        &options.dicing,
-                        &shape.path,
-                        &mut warnings,
-                    )
-                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
-                    (diced.mesh, Some(diced.faces))
-                }
-            };
             let in_world = (places.len() == 1 && displaced.is_none())
                 .then(|| keys(places[0]))
                 .filter(|keys| keys.len() == 1)
                 .map(|keys| keys[0]);
-            let mesh =
-                in_world.map_or_else(|| control.clone(), |m| Arc::new(in_space(&control, &m)));
             let stands: Vec<Affine3A> = match in_world {
                 Some(_) => vec![Affine3A::IDENTITY],
                 None => whole,
             };
-            let displaced = displaced.map(|m| &materials[m]);
-            let (geometry, surface) = geometry(
-                device,
-                &mesh,
-                &needs,
-                displaced,
-                &stands,
-                camera,
-                options,
-                diced.as_deref(),
-                &shape.path,
-                &mut warnings,
-            )
-            .map_err(|e| name_shape(e, description, shape))?;
+            let wanted = Wanted {
+                needs: &needs,
+                displaced: displaced.map(|m| Displaced {
+                    height: &description.materials[m].surface.displacement,
+                    material: &materials[m],
+                }),
+                places: &stands,
+                path: &shape.path,
+            };
+            let made = match (&shape.geometry, &in_world) {
+                (scene::Geometry::Mesh(mesh), None) => maker.mesh(mesh, &wanted, &mut warnings),
+                (scene::Geometry::Mesh(mesh), Some(world_from_object)) => {
+                    let mesh = Arc::new(in_space(mesh, world_from_object));
+                    maker.mesh(&mesh, &wanted, &mut warnings)
+                }
+                (scene::Geometry::Nurbs(patch), None) => maker.patch(patch, &wanted, &mut warnings),
+                (scene::Geometry::Nurbs(patch), Some(world_from_object)) => {
+                    let patch = patch::in_space(patch, world_from_object);
+                    maker.patch(&patch, &wanted, &mut warnings)
+                }
+            };
+            let (geometry, surface) = made.map_err(|e| name_shape(e, description, shape))?;
             let mut worn = Worn::new(&shape.geometry, places, description);
             let mut number_of = |m: usize| worn.number(m, &mut materials);
             let faces = shape.geometry.face_count();
@@ -222,6 +226,7 @@ impl World {
         Ok(Built {
             world,
             texture_bytes,
+            surface_bytes: maker.bytes,
             warnings,
         })
     }
@@ -368,7 +373,9 @@ fn needed_primvars(
                 fault.message += &format!(", and {reader} reads it");
                 return Err(fault);
             }
-            if shape.geometry.primvar(name).is_some() {
+            // A patch has texture coordinates in any case.
+            let is_patch = matches!(shape.geometry, scene::Geometry::Nurbs(_));
+            if shape.geometry.primvar(name).is_some() || is_patch && name == "st" {
                 needs.push(name.to_owned());
             }
         }

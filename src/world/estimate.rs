@@ -1,15 +1,16 @@
 //! What a scene will take, before it is built.
 
+use std::sync::Arc;
+
 use super::build::single;
-use super::dicing::{self, Dicing};
-use super::geometry::{refined_because, refinement_levels};
-use super::patch::Diced;
-use crate::math::Affine3A;
+use crate::math::{Affine3A, Bounds3};
 use crate::mesh::Scheme;
 use crate::scene::{Description, Geometry};
 use crate::shade::camera::Camera;
+use crate::surface::{Base, Dicing, Displacement, Patch, Places, Rates, Subdivision, Surface};
 
-/// Triangles that the scene is diced into as seen by `camera`. Instances share theirs.
+/// Triangles that the scene is diced into as seen by `camera`, displacement left out: it makes them more. Instances
+/// share theirs.
 pub fn micro_triangles(description: &Description, camera: &Camera, dicing: &Dicing) -> u64 {
     let mut places: Vec<Vec<Affine3A>> = vec![Vec::new(); description.shapes.len()];
     for placement in &description.placements {
@@ -18,24 +19,24 @@ pub fn micro_triangles(description: &Description, camera: &Camera, dicing: &Dici
     let shapes = description.shapes.iter().zip(&places);
     shapes
         .map(|(shape, places)| {
-            let mesh = match &shape.geometry {
-                Geometry::Mesh(mesh) => mesh,
-                Geometry::Nurbs(patch) => {
-                    return Diced::micro_triangles(patch, places, camera, dicing);
+            let (base, bounds): (Arc<dyn Base>, _) = match &shape.geometry {
+                Geometry::Nurbs(patch) => match Patch::new(patch, &[], None) {
+                    Ok(base) => (Arc::new(base), patch.bounds()),
+                    // What is wrong with it is told when it is built.
+                    Err(_) => return 0,
+                },
+                Geometry::Mesh(mesh) if mesh.scheme == Scheme::None => {
+                    let corners = mesh.face_vertex_counts.iter();
+                    return corners.map(|&n| u64::from(n.saturating_sub(2))).sum();
+                }
+                Geometry::Mesh(mesh) => {
+                    let base = Subdivision::new(mesh, None);
+                    (Arc::new(base), Bounds3::of(mesh.used_points()))
                 }
             };
-            let triangles: u64 = {
-                let corners = mesh.face_vertex_counts.iter();
-                corners.map(|&n| u64::from(n.saturating_sub(2))).sum()
-            };
-            if mesh.scheme == Scheme::None {
-                triangles
-            } else if refined_because(mesh, false).is_some() {
-                let levels = refinement_levels(mesh, places, camera, dicing);
-                triangles << (2 * levels)
-            } else {
-                dicing::micro_triangles(mesh, places, camera, dicing)
-            }
+            let surface = Surface::new(base, Displacement::None);
+            let places = Places::nearest(camera, &bounds, places);
+            Rates::on_screen(&surface, &places, dicing).micro_triangles()
         })
         .sum()
 }

@@ -1,186 +1,226 @@
-//! A control mesh as Embree's geometry: subdivision where Embree knows the scheme, triangles elsewhere.
+//! From a shape of the scene to a geometry of Embree's: subdivision surfaces by the method asked for, polygons as the
+//! triangles that they are.
 
 use std::sync::Arc;
 
 use super::build::BuildOptions;
-use super::dicing::{self, Dicing};
-use super::shape::{Polygons, Surface};
-use crate::error::{Result, Warnings};
-use crate::math::Affine3A;
-use crate::mesh::{ControlMesh, CreaseMethod, Scheme, TriangleRule, triangulate};
+use super::displacement::{Heights, by_callback, coordinates};
+use super::method::Method;
+use super::patch::notice;
+use super::shape::{Polygons, Smooth, Surface};
+use crate::error::{Error, Result, Warnings};
+use crate::math::{Affine3A, Bounds3};
+use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule, triangulate};
+use crate::scene::Input;
 use crate::shade::camera::Camera;
 use crate::shade::material::Material;
-use crate::shade::texture_map::Primvars;
-use crate::subdiv;
-use crate::trace::{
-    Device, Displacement, DisplacementPoint, Geometry, Rates, SubdivisionOptions, check_limits,
-};
+use crate::surface::{self, Carrier, Displacement, Patch, Places, Rates, Subdivision};
+use crate::trace::{self, Device, Geometry, SubdivisionOptions, check_limits};
 
-/// `parent_face` has the file's face of each face of `mesh`, where these are not the same.
-#[expect(
-    clippy::too_many_arguments,
-    reason = "one call; a struct of these would have no other use"
-)]
-pub(super) fn geometry(
-    device: &Device,
-    mesh: &Arc<ControlMesh>,
-    needs: &[String],
-    displaced: Option<&Material>,
-    places: &[Affine3A],
-    camera: &Camera,
-    options: &BuildOptions,
-    parent_face: Option<&[u32]>,
-    path: &str,
-    warnings: &mut Warnings,
-) -> Result<(Geometry, Surface)> {
-    let warn_flat = |warnings: &mut Warnings| {
-        if displaced.is_some() {
-            warnings.add(format!("displacement of {:?}", mesh.scheme), || {
-                format!(
-                    "{path}: displacement needs a Catmull-Clark or bilinear mesh; it is left out"
-                )
-            });
+/// Makes the geometries of a scene, one after the other.
+pub(super) struct Maker<'a> {
+    pub(super) device: &'a Device,
+    pub(super) camera: &'a Camera,
+    pub(super) options: &'a BuildOptions,
+    pub(super) heights: Heights<'a>,
+    /// Bytes that surfaces and methods hold beside Embree.
+    pub(super) bytes: usize,
+}
+
+/// What displaces a shape.
+#[derive(Clone, Copy)]
+pub(super) struct Displaced<'a> {
+    /// The scene's input.
+    pub(super) height: &'a Input<f32>,
+    /// The material that it is part of.
+    pub(super) material: &'a Material,
+}
+
+/// What is asked of a shape.
+pub(super) struct Wanted<'a> {
+    /// Primvars to be had at hits.
+    pub(super) needs: &'a [String],
+    pub(super) displaced: Option<Displaced<'a>>,
+    /// Where it stands, at all motion keys.
+    pub(super) places: &'a [Affine3A],
+    /// The prim.
+    pub(super) path: &'a str,
+}
+
+impl Maker<'_> {
+    /// A control mesh or polygons.
+    pub(super) fn mesh(
+        &mut self,
+        mesh: &Arc<ControlMesh>,
+        wanted: &Wanted<'_>,
+        warnings: &mut Warnings,
+    ) -> Result<(Geometry, Surface)> {
+        if mesh.scheme == Scheme::None {
+            if wanted.displaced.is_some() {
+                warnings.add("displacement of polygons", || {
+                    format!(
+                        "{}: displacement needs a subdivision scheme or a patch; it is left out",
+                        wanted.path
+                    )
+                });
+            }
+            return polygons(self.device, mesh);
         }
-    };
-    if let Some(reason) = refined_because(mesh, displaced.is_some()) {
-        warnings.add(format!("refinement: {reason}"), || {
-            format!("{path}: {reason}; the mesh is refined to polygons on the limit surface")
+        let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
+        let st = wanted.displaced.and_then(|d| coordinates(d.height));
+        let base = Arc::new(Subdivision::carrying(mesh, &names, st));
+        let carrier: Arc<dyn Carrier> = base.clone();
+        let surface = self.displaced(&carrier, wanted);
+        let bounds = Bounds3::of(mesh.used_points());
+        let rates = self.rates(&surface, &bounds, wanted, warnings);
+        if self.options.method == Method::EmbreeSubdivision {
+            match embree_differs(mesh) {
+                None => return self.embree_subdivision(mesh, &base, &rates, wanted),
+                Some(reason) => warnings.add(format!("not in Embree: {reason}"), || {
+                    format!(
+                        "{}: {reason}; it is traced as {}",
+                        wanted.path,
+                        Method::EmbreeTriangles.name()
+                    )
+                }),
+            }
+        }
+        self.surface(carrier, surface, &rates, wanted)
+    }
+
+    /// A NURBS patch. Embree knows none: under the name of its subdivision they are traced as our triangles, too.
+    pub(super) fn patch(
+        &mut self,
+        patch: &NurbsPatch,
+        wanted: &Wanted<'_>,
+        warnings: &mut Warnings,
+    ) -> Result<(Geometry, Surface)> {
+        let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
+        let st = wanted.displaced.and_then(|d| coordinates(d.height));
+        let base = Patch::new(patch, &names, st)?;
+        notice(patch, &base, wanted.path, warnings);
+        let carrier: Arc<dyn Carrier> = Arc::new(base);
+        let surface = self.displaced(&carrier, wanted);
+        let rates = self.rates(&surface, &patch.bounds(), wanted, warnings);
+        self.surface(carrier, surface, &rates, wanted)
+    }
+
+    fn displaced(&mut self, carrier: &Arc<dyn Carrier>, wanted: &Wanted<'_>) -> surface::Surface {
+        let displacement = wanted.displaced.map_or(Displacement::None, |displaced| {
+            self.heights.displacement(displaced.height, carrier)
         });
-        warn_flat(warnings);
-        let levels = refinement_levels(mesh, places, camera, &options.dicing);
-        let mut refined = subdiv::refine(mesh, levels);
-        refined.move_to_limit(mesh);
-        return polygons(device, &Arc::new(refined.mesh), Some(&refined.parent_face));
+        surface::Surface::new(carrier.clone(), displacement)
     }
-    if mesh.scheme == Scheme::None {
-        warn_flat(warnings);
-        return polygons(device, mesh, parent_face);
+
+    fn rates(
+        &self,
+        surface: &surface::Surface,
+        bounds: &Bounds3,
+        wanted: &Wanted<'_>,
+        warnings: &mut Warnings,
+    ) -> Rates {
+        let places = Places::nearest(self.camera, bounds, wanted.places);
+        let rates = Rates::on_screen(surface, &places, &self.options.dicing);
+        surface.report(wanted.path, warnings);
+        rates
     }
-    if has_chaikin_creases(mesh) {
-        warnings.add("crease method chaikin", || {
-            format!("{path}: {NO_CHAIKIN}; under displacement, sharpness decays uniformly")
-        });
+
+    /// A surface of ours by the method asked for.
+    fn surface(
+        &mut self,
+        carrier: Arc<dyn Carrier>,
+        surface: surface::Surface,
+        rates: &Rates,
+        wanted: &Wanted<'_>,
+    ) -> Result<(Geometry, Surface)> {
+        self.check_memory(rates, carrier.keys(), wanted)?;
+        let surface = Arc::new(surface);
+        let traced = self.options.method.build(&surface, rates, self.device)?;
+        self.bytes += traced.bytes + traced.geometry.memory() + surface.memory();
+        let smooth = Smooth {
+            surface,
+            carrier,
+            places: traced.places,
+        };
+        Ok((traced.geometry, Surface::Smooth(smooth)))
     }
-    if has_smooth_triangles(mesh) {
-        warnings.add("triangle rule smooth", || {
-            format!(
-                "{path}: {NO_SMOOTH_TRIANGLES}; under displacement, they are refined like any face"
-            )
-        });
+
+    fn embree_subdivision(
+        &self,
+        mesh: &Arc<ControlMesh>,
+        base: &Subdivision,
+        rates: &Rates,
+        wanted: &Wanted<'_>,
+    ) -> Result<(Geometry, Surface)> {
+        self.check_memory(rates, mesh.points.len() as u32, wanted)?;
+        let width = |name: &str| mesh.primvar(name).map_or(0, |p| p.width as usize);
+        let primvars: Vec<(String, usize)> =
+            (wanted.needs.iter().map(|n| (n.clone(), width(n)))).collect();
+        let corners = base.corner_rates(&mesh.topology(), rates);
+        let options = SubdivisionOptions {
+            rates: trace::Rates::PerCorner(corners.into_iter().map(|n| n as f32).collect()),
+            displacement: (wanted.displaced)
+                .map(|d| by_callback(d.material.clone(), primvars.clone())),
+            primvars: wanted.needs.to_vec(),
+        };
+        let geometry = Geometry::subdivision(self.device, mesh.clone(), options)?;
+        Ok((geometry, Surface::Subdivision { primvars }))
     }
-    let width = |name: &str| mesh.primvar(name).map_or(0, |p| p.width as usize);
-    let subdivision = SubdivisionOptions {
-        rates: Rates::PerCorner(dicing::rates(mesh, places, camera, &options.dicing)),
-        displacement: displaced.map(|material| displacement(material.clone(), mesh, needs)),
-        primvars: needs.to_vec(),
-    };
-    let geometry = Geometry::subdivision(device, mesh.clone(), subdivision)?;
-    let primvars = needs.iter().map(|n| (n.clone(), width(n))).collect();
-    Ok((geometry, Surface::Subdivision { primvars }))
+
+    /// What will not fit is not begun.
+    fn check_memory(&self, rates: &Rates, keys: u32, wanted: &Wanted<'_>) -> Result<()> {
+        let Some(budget) = self.device.memory_budget() else {
+            return Ok(());
+        };
+        let (method, triangles) = (self.options.method, rates.micro_triangles());
+        let needed = triangles as f64 * f64::from(keys) * method.bytes_per_micro_triangle() as f64;
+        let left = budget.saturating_sub(self.bytes + self.device.memory()) as f64;
+        if needed <= left {
+            return Ok(());
+        }
+        let rate = f64::from(self.options.dicing.rate) * (needed / left.max(1.0)).sqrt();
+        Err(Error::Memory {
+            message: format!(
+                "{}: {triangles} micro-triangles take about {:.0} MB by {}, and {:.0} MB of the memory budget are left",
+                wanted.path,
+                needed / 1e6,
+                method.name(),
+                left / 1e6,
+            ),
+            help: Some(format!(
+                "raise --memory-budget, or dice more coarsely: --dicing-rate {:.1} would fit",
+                (10.0 * rate).ceil() / 10.0
+            )),
+        })
+    }
 }
 
-const NO_CHAIKIN: &str = "Embree knows no Chaikin creasing";
-const NO_SMOOTH_TRIANGLES: &str = "Embree knows no smooth rule for triangles";
-
-fn has_chaikin_creases(mesh: &ControlMesh) -> bool {
-    mesh.crease_method == CreaseMethod::Chaikin && !mesh.creases.is_empty()
-}
-
-fn has_smooth_triangles(mesh: &ControlMesh) -> bool {
-    mesh.triangle_rule == TriangleRule::Smooth && mesh.face_vertex_counts.contains(&3)
-}
-
-/// Why a mesh is refined by ourselves, if it is one that Embree cannot subdivide, or not as it says. Displaced ones
-/// stay with Embree as far as it can hold them.
-pub(super) fn refined_because(mesh: &ControlMesh, displaced: bool) -> Option<String> {
-    match mesh.scheme {
-        Scheme::None => None,
-        Scheme::Loop => Some("Embree knows no Loop subdivision".to_owned()),
-        Scheme::CatmullClark | Scheme::Bilinear if displaced => None,
-        Scheme::CatmullClark | Scheme::Bilinear => match check_limits(mesh) {
-            Err(fault) => Some(fault.to_string()),
-            Ok(()) if has_chaikin_creases(mesh) => Some(NO_CHAIKIN.to_owned()),
-            Ok(()) if has_smooth_triangles(mesh) => Some(NO_SMOOTH_TRIANGLES.to_owned()),
-            Ok(()) => None,
-        },
+/// Why Embree's subdivision of a mesh would not be what its tags say, or nothing at all.
+fn embree_differs(mesh: &ControlMesh) -> Option<String> {
+    match check_limits(mesh) {
+        Err(fault) => Some(fault.to_string()),
+        Ok(()) if mesh.crease_method == CreaseMethod::Chaikin && !mesh.creases.is_empty() => {
+            Some("Embree knows no Chaikin creasing".to_owned())
+        }
+        Ok(())
+            if mesh.triangle_rule == TriangleRule::Smooth
+                && mesh.face_vertex_counts.contains(&3) =>
+        {
+            Some("Embree knows no smooth rule for triangles".to_owned())
+        }
+        Ok(()) => None,
     }
 }
 
-fn polygons(
-    device: &Device,
-    mesh: &Arc<ControlMesh>,
-    parent_face: Option<&[u32]>,
-) -> Result<(Geometry, Surface)> {
+fn polygons(device: &Device, mesh: &Arc<ControlMesh>) -> Result<(Geometry, Surface)> {
     let triangles = triangulate(mesh);
     let index = |corner: u32| mesh.face_vertex_indices[corner as usize];
     let indices = triangles.corners.iter().map(|t| t.map(index)).collect();
     let geometry = Geometry::triangles(device, indices, Arc::new(mesh.points.clone()))?;
-    let surface = Surface::Polygons(Polygons::new(
-        mesh.clone(),
-        triangles.corners,
-        triangles.faces,
-        parent_face,
-    ));
-    Ok((geometry, surface))
-}
-
-/// Levels after which the longest edge is no longer than the dicing rate; each makes four faces of one.
-pub(super) fn refinement_levels(
-    mesh: &ControlMesh,
-    places: &[Affine3A],
-    camera: &Camera,
-    dicing: &Dicing,
-) -> u32 {
-    const MOST_TRIANGLES: f64 = 4e6;
-    let longest = dicing::rates(mesh, places, camera, dicing)
-        .into_iter()
-        .fold(1.0, f32::max);
-    let affordable = (MOST_TRIANGLES / mesh.face_vertex_indices.len().max(1) as f64)
-        .log(4.0)
-        .max(1.0);
-    (longest.log2().ceil() as u32)
-        .clamp(2, 7)
-        .min(affordable as u32)
-}
-
-/// The material's displacement along the normal.
-pub(super) fn displacement(
-    material: Material,
-    mesh: &ControlMesh,
-    needs: &[String],
-) -> Displacement {
-    let widths = needs
-        .iter()
-        .map(|n| (n.clone(), mesh.primvar(n).map_or(0, |p| p.width as usize)))
-        .collect();
-    let carried = Carried { widths };
-    Arc::new(move |point| {
-        let height = material.displacement(&At {
-            point,
-            carried: &carried,
-        });
-        height * point.normal
-    })
-}
-
-/// Primvars that a displaced surface carries, by slot.
-struct Carried {
-    widths: Vec<(String, usize)>,
-}
-
-struct At<'a> {
-    point: &'a DisplacementPoint<'a>,
-    carried: &'a Carried,
-}
-
-impl Primvars for At<'_> {
-    fn get(&self, name: &str, out: &mut [f32]) -> bool {
-        let slot = self
-            .carried
-            .widths
-            .iter()
-            .position(|(n, width)| n == name && *width >= out.len());
-        slot.inspect(|&slot| self.point.primvar(slot, out))
-            .is_some()
-    }
+    let polygons = Polygons {
+        mesh: mesh.clone(),
+        corners: triangles.corners,
+        faces: triangles.faces,
+    };
+    Ok((geometry, Surface::Polygons(polygons)))
 }

@@ -1,12 +1,12 @@
 //! A point of a surface as the path tracer sees it.
 
 use super::{World, at_time};
-use crate::math::{Affine3A, Frame, Ray, Vec2, Vec3};
+use crate::math::{Affine3A, Frame, Ray, Vec3};
 use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
 use crate::shade::texture_map::Primvars;
 use crate::trace::SceneHit;
 
-use super::shape::{Shape, Surface};
+use super::shape::{Place, Shape};
 
 /// Where a path met a surface. Normals are unit vectors on the side that the ray came from.
 #[derive(Debug, Clone)]
@@ -94,13 +94,14 @@ impl World {
             -1.0
         };
         let on_facet = ray.at(hit.t);
-        let point = shape.point(geometry, hit, towards, ray.time);
-        let error = RELATIVE_ERROR
-            * on_facet
-                .abs()
-                .max_element()
-                .max(ray.origin.abs().max_element())
-                .max(1e-6);
+        let place = shape.place(hit);
+        let point = shape.point(geometry, place, towards * hit.normal, ray.time);
+        let largest = on_facet.abs().max(ray.origin.abs()).max_element();
+        // The hit's own error is in the object's space; no direction is stretched by more than the matrix's norm.
+        let matrix = &world_from_object.matrix3;
+        let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
+        let stretch = columns.map(|c| c.length_squared()).iter().sum::<f32>();
+        let error = RELATIVE_ERROR * largest.max(1e-6) + hit.error * stretch.sqrt();
         // A normal of unit length on the facet's side; none where it is degenerate, as at some poles.
         let unit_normal = |n: Vec3| {
             let n = normal_transformed(object_from_world, n).try_normalize()?;
@@ -110,7 +111,7 @@ impl World {
         let mut geometric_normal = (point.smooth.as_ref())
             .and_then(|smooth| unit_normal(smooth.normal))
             .unwrap_or_else(|| facet.normalize_or_zero());
-        if let Some(smooth) = point.smooth {
+        if let Some(smooth) = &point.smooth {
             // Facets cut the corners of a convex surface: rays that leave from the facet would be shadowed by
             // their neighbours. The smooth surface lies in front of them there.
             let gap = world_from_object.transform_point3(smooth.position) - on_facet;
@@ -132,8 +133,7 @@ impl World {
             .unwrap_or_else(|| shape.material(point.face));
         let primvars = Lookup {
             shape,
-            primitive: hit.primitive,
-            uv: hit.uv,
+            place,
             geometry,
             placed_color: placed.display_color,
         };
@@ -141,7 +141,7 @@ impl World {
         if let Some(map) = resolved.normal {
             shading_normal = self.materials[material as usize]
                 .normal_primvar()
-                .and_then(|name| shape.tangents(geometry, name, hit, ray.time))
+                .and_then(|name| shape.tangents(geometry, name, place, &point))
                 .map_or(shading_normal, |tangents| {
                     bumped(
                         shading_normal,
@@ -207,8 +207,7 @@ fn bumped(
 
 struct Lookup<'a> {
     shape: &'a Shape,
-    primitive: u32,
-    uv: Vec2,
+    place: Place,
     geometry: &'a crate::trace::Geometry,
     placed_color: Option<[f32; 3]>,
 }
@@ -222,18 +221,6 @@ impl Primvars for Lookup<'_> {
             out.copy_from_slice(&color);
             return true;
         }
-        match &self.shape.surface {
-            Surface::Subdivision { primvars, .. } => {
-                let Some(slot) = primvars
-                    .iter()
-                    .position(|(n, width)| n == name && *width >= out.len())
-                else {
-                    return false;
-                };
-                self.geometry.primvar(slot, self.primitive, self.uv, out);
-                true
-            }
-            Surface::Polygons(polygons) => polygons.primvar(name, self.primitive, self.uv, out),
-        }
+        self.shape.primvar(self.geometry, name, self.place, out)
     }
 }

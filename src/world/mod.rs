@@ -1,20 +1,23 @@
 //! The built scene: what a ray meets, and what that point looks like.
 
 mod build;
-mod dicing;
+mod displacement;
 mod estimate;
 mod geometry;
 mod interaction;
+mod method;
 mod objects;
 mod patch;
 mod shape;
 mod worn;
 
 pub use build::{BuildOptions, Built};
-pub use dicing::Dicing;
 pub use estimate::micro_triangles;
 pub use interaction::Interaction;
+pub use method::{HitPlaces, Method, TracedSurface};
 pub use objects::{Object, objects};
+
+pub use crate::surface::Dicing;
 
 use crate::accel::Hit;
 use crate::math::{Affine3A, Ray};

@@ -1,36 +1,44 @@
-//! The meshes of a scene one by one, each with its displacement: for whoever compares ways of tracing them.
+//! The surfaces of a scene one by one, each with its displacement: for whoever compares ways of tracing them.
 
 use std::sync::Arc;
 
 use super::build::{BuildOptions, displacement_of, load_textures, materials, name_shape, single};
-use super::geometry::displacement;
+use super::displacement::{Heights, by_callback, coordinates};
 use crate::error::{Fault, Result, Warnings};
-use crate::math::{Affine3A, Vec2, Vec3};
+use crate::math::{Affine3A, Bounds3, Vec3};
 use crate::mesh::ControlMesh;
-use crate::scene::Description;
+use crate::scene::{self, Description};
 use crate::shade::material::Material;
-use crate::shade::texture_map::Primvars;
-use crate::surface::{self, Amount, Function, Subdivision, Surface};
-use crate::trace::{Rates, SubdivisionOptions};
+use crate::surface::{Carrier, Displacement, Patch, Rates, Subdivision, Surface};
+use crate::trace::{self, Device, Geometry, SubdivisionOptions};
 
-/// A mesh of a scene.
+/// A surface of a scene.
 pub struct Object {
     /// The prim.
     pub path: String,
-    /// The cage.
-    pub mesh: Arc<ControlMesh>,
     /// Where it stands when the shutter opens.
     pub world_from_object: Vec<Affine3A>,
+    /// The surface, displaced.
+    pub surface: Arc<Surface>,
+    /// Around all control points that it uses.
+    pub bounds: Bounds3,
+    /// What it was made of, unless that is a NURBS patch.
+    cage: Option<Cage>,
+}
+
+struct Cage {
+    mesh: Arc<ControlMesh>,
+    base: Arc<Subdivision>,
     /// What moves its points.
     material: Option<Material>,
     /// The primvars that the displacement reads.
     needs: Vec<String>,
 }
 
-/// All meshes that stand somewhere. NURBS patches are left out, with a warning.
+/// All surfaces that stand somewhere.
 ///
 /// # Errors
-/// If a texture cannot be read, or a displacement reads a primvar that is not its texture coordinates.
+/// If a texture cannot be read, or a patch is too large to hold.
 pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec<Object>> {
     let options = BuildOptions {
         clay: Some(0.5),
@@ -38,6 +46,7 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
     };
     let textures = load_textures(description, &options, warnings)?;
     let (materials, _) = materials(description, &textures, &options);
+    let mut heights = Heights::new(&textures);
     let mut objects = Vec::new();
     for (number, shape) in description.shapes.iter().enumerate() {
         let places: Vec<u32> = (0_u32..)
@@ -45,106 +54,82 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
             .filter(|(_, placement)| placement.shape == number)
             .map(|(i, _)| i)
             .collect();
-        let Some(mesh) = shape.geometry.mesh() else {
-            warnings.add("patches left out", || {
-                format!("{}: NURBS patches are not compared", shape.path)
-            });
-            continue;
-        };
-        if places.is_empty() || mesh.face_count() == 0 {
+        if places.is_empty() || shape.geometry.face_count() == 0 {
             continue;
         }
-        let material =
-            displacement_of(shape, &places, description, &materials).map(|m| materials[m].clone());
+        let number = displacement_of(shape, &places, description, &materials);
+        let material = number.map(|m| &materials[m]);
         let needs: Vec<String> = material
-            .iter()
+            .into_iter()
             .flat_map(Material::displacement_needs)
-            .filter(|name| mesh.primvar(name).is_some())
             .map(str::to_owned)
             .collect();
-        let is_st = |name: &String| mesh.primvar(name).is_some_and(|p| p.width == 2);
-        if needs.len() > 1 || !needs.iter().all(is_st) {
-            let fault = Fault::new(format!("its displacement reads {}", needs.join(", ")))
-                .advise("displace by an image over one set of texture coordinates");
-            return Err(name_shape(fault.into(), description, shape));
-        }
+        let height = number.map(|m| &description.materials[m].surface.displacement);
+        let names: Vec<&str> = needs.iter().map(String::as_str).collect();
+        let st = height.and_then(coordinates);
+        let (carrier, bounds, cage): (Arc<dyn Carrier>, _, _) = match &shape.geometry {
+            scene::Geometry::Mesh(mesh) => {
+                let base = Arc::new(Subdivision::carrying(mesh, &names, st));
+                let cage = Cage {
+                    mesh: mesh.clone(),
+                    base: base.clone(),
+                    material: material.cloned(),
+                    needs: (needs.iter().filter(|name| mesh.primvar(name).is_some()))
+                        .cloned()
+                        .collect(),
+                };
+                (base, Bounds3::of(mesh.used_points()), Some(cage))
+            }
+            scene::Geometry::Nurbs(patch) => {
+                let base = Patch::new(patch, &names, st)
+                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
+                (Arc::new(base), patch.bounds(), None)
+            }
+        };
+        let displacement = height.map_or(Displacement::None, |height| {
+            heights.displacement(height, &carrier)
+        });
         objects.push(Object {
             path: shape.path.clone(),
-            mesh: mesh.clone(),
             world_from_object: places
                 .iter()
                 .map(|&p| single(&description.placements[p as usize].world_from_object[0]))
                 .collect(),
-            material,
-            needs,
+            surface: Arc::new(Surface::new(carrier, displacement)),
+            bounds,
+            cage,
         });
     }
     Ok(objects)
 }
 
 impl Object {
-    /// Its limit surface, and that with its displacement.
-    pub fn surface(&self) -> (Arc<Subdivision>, Arc<Surface>) {
-        let name = self.needs.first().cloned();
-        let base = Arc::new(Subdivision::new(&self.mesh, name.as_deref()));
-        let displacement = match &self.material {
-            None => surface::Displacement::None,
-            Some(material) => {
-                let material = material.clone();
-                let height = Function::scalar(move |at| {
-                    material.displacement(&At {
-                        name: name.as_deref(),
-                        st: at.st,
-                    })
-                });
-                surface::Displacement::Scalar(Amount {
-                    map: Arc::new(height),
-                    scale: 1.0,
-                    bias: 0.0,
-                })
-            }
+    /// Embree's subdivision of it.
+    ///
+    /// # Errors
+    /// If Embree cannot subdivide it.
+    pub fn embree_subdivision(&self, rates: &Rates, device: &Device) -> Result<Geometry> {
+        let Some(cage) = &self.cage else {
+            return Err(Fault::new("Embree subdivides control meshes only").into());
         };
-        let surface = Arc::new(Surface::new(base.clone(), displacement));
-        (base, surface)
-    }
-
-    /// The same for Embree's subdivision.
-    pub fn subdivision_options(&self, rates: Rates) -> SubdivisionOptions {
-        SubdivisionOptions {
-            rates,
-            displacement: self
-                .material
-                .clone()
-                .map(|material| displacement(material, &self.mesh, &self.needs)),
-            primvars: self.needs.clone(),
-        }
+        let corners = cage.base.corner_rates(&cage.mesh.topology(), rates);
+        let width = |name: &str| cage.mesh.primvar(name).map_or(0, |p| p.width as usize);
+        let widths = cage.needs.iter().map(|n| (n.clone(), width(n))).collect();
+        let options = SubdivisionOptions {
+            rates: trace::Rates::PerCorner(corners.into_iter().map(|n| n as f32).collect()),
+            displacement: (cage.material.clone()).map(|material| by_callback(material, widths)),
+            primvars: cage.needs.clone(),
+        };
+        Geometry::subdivision(device, cage.mesh.clone(), options)
     }
 
     /// Its box's diagonal.
     pub fn diagonal(&self) -> f32 {
-        crate::math::Bounds3::of(self.mesh.used_points())
-            .extent()
-            .length()
+        self.bounds.extent().length()
     }
 
     /// The diagonal's middle.
     pub fn centre(&self) -> Vec3 {
-        crate::math::Bounds3::of(self.mesh.used_points()).centre()
-    }
-}
-
-/// The one primvar that a displacement reads.
-struct At<'a> {
-    name: Option<&'a str>,
-    st: Vec2,
-}
-
-impl Primvars for At<'_> {
-    fn get(&self, name: &str, out: &mut [f32]) -> bool {
-        if self.name != Some(name) || out.len() > 2 {
-            return false;
-        }
-        out.copy_from_slice(&self.st.to_array()[..out.len()]);
-        true
+        self.bounds.centre()
     }
 }

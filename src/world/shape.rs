@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
+use super::method::HitPlaces;
 use crate::math::{Vec2, Vec3};
 use crate::mesh::{ControlMesh, Interpolation, Primvar};
 use crate::scene::Binding;
+use crate::surface::{self, Carrier};
 use crate::trace::{Geometry, SceneHit, SurfacePoint};
 
 pub(super) struct Shape {
@@ -19,24 +21,41 @@ pub(super) enum Surface {
         /// Primvars that Embree interpolates, name and width, by slot.
         primvars: Vec<(String, usize)>,
     },
+    /// A surface of ours.
+    Smooth(Smooth),
     Polygons(Polygons),
 }
 
-/// Triangles of a polygon mesh, or of a refined control mesh.
-pub(super) struct Polygons {
-    mesh: Arc<ControlMesh>,
-    /// Corners of each triangle: indices into the mesh's `face_vertex_indices`.
-    corners: Vec<[u32; 3]>,
-    /// Face of each triangle, in `mesh`.
-    faces: Vec<u32>,
-    /// Face of the control mesh for each face of `mesh`, if that was refined.
-    parents: Option<Vec<u32>>,
+/// A surface of ours, which answers for its points and primvars itself.
+pub(super) struct Smooth {
+    pub(super) surface: Arc<surface::Surface>,
+    /// The same without displacement, with primvars.
+    pub(super) carrier: Arc<dyn Carrier>,
+    pub(super) places: HitPlaces,
 }
 
-/// A hit's place on its shape, in object space.
+/// Triangles of a polygon mesh.
+pub(super) struct Polygons {
+    pub(super) mesh: Arc<ControlMesh>,
+    /// Corners of each triangle: indices into the mesh's `face_vertex_indices`.
+    pub(super) corners: Vec<[u32; 3]>,
+    /// Face of each triangle.
+    pub(super) faces: Vec<u32>,
+}
+
+/// Where on a shape a hit is: a face of a surface of ours, or a primitive of Embree's, and parameters.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub(super) face: u32,
+    pub(super) uv: Vec2,
+}
+
+/// What a shape is like at a hit, in object space.
 pub(super) struct Point {
     /// Face of the control mesh.
     pub(super) face: u32,
+    /// Derivatives of the position by the parameters of the place.
+    pub(super) derivatives: [Vec3; 2],
     /// On the smooth surface that the traced facets stand for, if there is one.
     pub(super) smooth: Option<SmoothPoint>,
 }
@@ -78,27 +97,61 @@ impl Shape {
         }
     }
 
-    /// `side` is 1 for a ray that comes from where the hit's `facet` normal points, else -1.
-    pub(super) fn point(&self, geometry: &Geometry, hit: &SceneHit, side: f32, time: f32) -> Point {
-        let (primitive, uv) = (hit.primitive, hit.uv);
+    pub(super) fn place(&self, hit: &SceneHit) -> Place {
+        let (face, uv) = match &self.surface {
+            Surface::Smooth(smooth) => smooth.places.face_uv(hit),
+            Surface::Subdivision { .. } | Surface::Polygons(_) => (hit.primitive, hit.uv),
+        };
+        Place { face, uv }
+    }
+
+    /// `facet` is the hit's normal on the side that the ray comes from.
+    pub(super) fn point(&self, geometry: &Geometry, place: Place, facet: Vec3, time: f32) -> Point {
+        let Place { face, uv } = place;
         match &self.surface {
             Surface::Subdivision { .. } => {
-                let point = geometry.displaced_point(primitive, uv, time);
+                let point = geometry.displaced_point(face, uv, time);
                 Point {
-                    face: primitive,
+                    face,
+                    derivatives: [point.du, point.dv],
                     smooth: Some(SmoothPoint {
                         position: point.position,
                         normal: point.du.cross(point.dv),
                     }),
                 }
             }
+            Surface::Smooth(smooth) => smooth.point(place, time),
             Surface::Polygons(polygons) => {
-                let triangle = geometry.surface_point(primitive, uv, time);
+                let triangle = geometry.surface_point(face, uv, time);
                 Point {
-                    face: polygons.face(primitive),
-                    smooth: polygons.smooth(primitive, uv, &triangle, side * hit.normal),
+                    face: polygons.faces[face as usize],
+                    derivatives: [triangle.du, triangle.dv],
+                    smooth: polygons.smooth(face, uv, &triangle, facet),
                 }
             }
+        }
+    }
+
+    /// The first components of the primvar `name`; false if there is none of this name and width.
+    pub(super) fn primvar(
+        &self,
+        geometry: &Geometry,
+        name: &str,
+        place: Place,
+        out: &mut [f32],
+    ) -> bool {
+        let Place { face, uv } = place;
+        match &self.surface {
+            Surface::Subdivision { primvars } => {
+                let fits = |(n, width): &(String, usize)| n == name && *width >= out.len();
+                let slot = primvars.iter().position(fits);
+                slot.inspect(|&slot| geometry.primvar(slot, face, uv, out))
+                    .is_some()
+            }
+            Surface::Smooth(Smooth { carrier, .. }) => (carrier.slot(name, out.len()))
+                .inspect(|&slot| carrier.primvar(slot, face, uv, out))
+                .is_some(),
+            Surface::Polygons(polygons) => polygons.primvar(name, face, uv, out),
         }
     }
 
@@ -107,66 +160,79 @@ impl Shape {
         &self,
         geometry: &Geometry,
         name: &str,
-        hit: &SceneHit,
-        time: f32,
+        place: Place,
+        point: &Point,
     ) -> Option<[Vec3; 2]> {
-        let (primitive, uv) = (hit.primitive, hit.uv);
-        // Differences over a small step in the face's own parameters give st's derivatives.
+        let [along_u, along_v] = match &self.surface {
+            Surface::Smooth(Smooth { carrier, .. }) => {
+                let st = carrier.primvar_slopes(carrier.slot(name, 2)?, place.face, place.uv)?;
+                [st.du, st.dv]
+            }
+            Surface::Subdivision { .. } | Surface::Polygons(_) => {
+                self.differences(geometry, name, place)?
+            }
+        };
+        let determinant = along_u.perp_dot(along_v);
+        if determinant.abs() < 1e-20 {
+            return None;
+        }
+        let [du, dv] = point.derivatives;
+        let along_s = (du * along_v.y - dv * along_u.y) / determinant;
+        let along_t = (dv * along_u.x - du * along_v.x) / determinant;
+        Some([along_s, along_t])
+    }
+
+    /// Derivatives of texture coordinates over a small step in the face's own parameters.
+    fn differences(&self, geometry: &Geometry, name: &str, place: Place) -> Option<[Vec2; 2]> {
         const STEP: f32 = 1e-3;
+        let Place { face, uv } = place;
         let step = Vec2::new(
             if uv.x < 0.5 { STEP } else { -STEP },
             if uv.y < 0.5 { STEP } else { -STEP },
         );
         let st = |uv: Vec2| {
             let mut out = [0.0; 2];
-            let found = match &self.surface {
-                Surface::Subdivision { primvars, .. } => primvars
-                    .iter()
-                    .position(|(n, width)| n == name && *width >= 2)
-                    .map(|slot| {
-                        geometry.primvar(slot, primitive, uv, &mut out);
-                    }),
-                Surface::Polygons(p) => p.primvar(name, primitive, uv, &mut out).then_some(()),
-            };
-            found.map(|()| Vec2::from(out))
+            self.primvar(geometry, name, Place { face, uv }, &mut out)
+                .then_some(Vec2::from(out))
         };
         let here = st(uv)?;
-        let along_u = (st(uv + Vec2::new(step.x, 0.0))? - here) / step.x;
-        let along_v = (st(uv + Vec2::new(0.0, step.y))? - here) / step.y;
-        let determinant = along_u.perp_dot(along_v);
-        if determinant.abs() < 1e-20 {
-            return None;
+        Some([
+            (st(uv + Vec2::new(step.x, 0.0))? - here) / step.x,
+            (st(uv + Vec2::new(0.0, step.y))? - here) / step.y,
+        ])
+    }
+}
+
+impl Smooth {
+    fn point(&self, Place { face, uv }: Place, time: f32) -> Point {
+        let last = self.surface.base().keys() - 1;
+        let at = time.clamp(0.0, 1.0) * last as f32;
+        let key = (at as u32).min(last.saturating_sub(1));
+        let part = at - key as f32;
+        let mut point = self.surface.evaluate(face, uv, key);
+        if part > 0.0 {
+            let next = self.surface.evaluate(face, uv, key + 1);
+            point.position = point.position.lerp(next.position, part);
+            point.du = point.du.lerp(next.du, part);
+            point.dv = point.dv.lerp(next.dv, part);
+            point.normal = point.normal.lerp(next.normal, part);
+            let normal = point.du.cross(point.dv);
+            if let Some(normal) = normal.try_normalize() {
+                point.normal = normal;
+            }
         }
-        let point = geometry.displaced_point(primitive, uv, time);
-        let along_s = (point.du * along_v.y - point.dv * along_u.y) / determinant;
-        let along_t = (point.dv * along_u.x - point.du * along_v.x) / determinant;
-        Some([along_s, along_t])
+        Point {
+            face: self.carrier.parent(face),
+            derivatives: [point.du, point.dv],
+            smooth: Some(SmoothPoint {
+                position: point.position,
+                normal: point.normal,
+            }),
+        }
     }
 }
 
 impl Polygons {
-    pub(super) fn new(
-        mesh: Arc<ControlMesh>,
-        corners: Vec<[u32; 3]>,
-        faces: Vec<u32>,
-        parents: Option<&[u32]>,
-    ) -> Self {
-        Self {
-            mesh,
-            corners,
-            faces,
-            parents: parents.map(<[u32]>::to_vec),
-        }
-    }
-
-    /// The control mesh's face that a triangle is part of.
-    fn face(&self, triangle: u32) -> u32 {
-        let face = self.faces[triangle as usize];
-        self.parents
-            .as_ref()
-            .map_or(face, |parents| parents[face as usize])
-    }
-
     /// Blends a primvar over a triangle; false if there is none of this name and width.
     pub(super) fn primvar(&self, name: &str, triangle: u32, uv: Vec2, out: &mut [f32]) -> bool {
         match self.mesh.primvar(name) {

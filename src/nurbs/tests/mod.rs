@@ -8,8 +8,6 @@ use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::{BezierFaces, NurbsSurface};
 use crate::mesh::{NurbsDirection, NurbsPatch};
-pub(crate) use shapes::sphere;
-pub(crate) use trims::circle;
 
 pub(crate) fn direction(order: usize, knots: &[f64]) -> NurbsDirection {
     NurbsDirection {

@@ -4,6 +4,7 @@ mod bounding;
 mod dicing;
 mod displacing;
 pub(crate) mod leaks;
+mod patches;
 pub(crate) mod shapes;
 
 use std::sync::Arc;

@@ -7,13 +7,13 @@ use crate::math::{Bounds3, Vec2};
 use crate::surface::tests::leaks::escapes;
 use crate::surface::tests::shapes::{Patches, Random};
 use crate::surface::tests::{closed, displacements, effort, mixed, surface};
-use crate::surface::{Diced, Rates};
+use crate::surface::{Diced, Grids, Rates};
 
 /// A way to trace, and how it finds the face.
 struct Method {
     name: &'static str,
     geometry: fn(&Device, &Arc<Diced>) -> Result<Geometry>,
-    place: fn(&Diced, &SceneHit) -> (u32, Vec2),
+    place: fn(&Grids, &SceneHit) -> (u32, Vec2),
     /// Whether its own uv is compared: that of user geometries is already the face's.
     tolerance: f32,
 }
@@ -31,13 +31,13 @@ const METHODS: [Method; 3] = [
     Method {
         name: "embree-triangles",
         geometry: |device, diced| Geometry::diced_triangles(device, diced),
-        place: diced_triangle_uv,
+        place: |grids, hit| diced_triangle_uv(grids, hit.primitive, hit.uv),
         tolerance: 1e-3,
     },
     Method {
         name: "embree-grid",
         geometry: |device, diced| Geometry::diced_grids(device, diced),
-        place: diced_grid_uv,
+        place: |grids, hit| diced_grid_uv(grids, hit.primitive, hit.uv),
         // Parameters over a whole grid are less exact, and snapped cells are thin.
         tolerance: 2e-2,
     },
@@ -69,7 +69,7 @@ fn every_method_meets_the_micro_triangles() {
                             (Some((t, triangle, inside)), Some(hit)) => {
                                 let wrong = (t - f64::from(hit.t)).abs();
                                 assert!(wrong < 1e-4, "{name}: {t} {hit:?}");
-                                let (face, uv) = (method.place)(&diced, &hit);
+                                let (face, uv) = (method.place)(diced.shared_grids(), &hit);
                                 let (grid, _) = diced.locate(triangle);
                                 if inside < 1e-3 {
                                     // It may be the neighbour's.

@@ -1,0 +1,157 @@
+//! A material's displacement, for surfaces of ours and for Embree's callback.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use crate::image::Texture;
+use crate::math::{Bounds3, Vec2, Vec3};
+use crate::scene::{self, Input, TextureMap};
+use crate::shade::material::Material;
+use crate::shade::texture_map::{Primvars, StTransform};
+use crate::surface::{
+    Amount, Carrier, Channels, Displacement, DisplacementMap, Function, ImageMap,
+};
+use crate::trace;
+
+/// Images as displacement, each made once for all surfaces that it moves.
+pub(super) struct Heights<'a> {
+    textures: &'a [Arc<Texture>],
+    /// By texture and component.
+    maps: HashMap<(usize, u8), ImageMap>,
+}
+
+/// The name of the primvar whose values are a displacement's texture coordinates, if it reads an image.
+pub(super) fn coordinates(height: &Input<f32>) -> Option<&str> {
+    match height {
+        Input::Texture(map) => Some(&map.primvar),
+        Input::Value(_) | Input::Primvar { .. } => None,
+    }
+}
+
+impl<'a> Heights<'a> {
+    /// `textures` are the scene's, in its order.
+    pub(super) fn new(textures: &'a [Arc<Texture>]) -> Self {
+        Self {
+            textures,
+            maps: HashMap::new(),
+        }
+    }
+
+    /// A displacement along the normal by the input of a material. The texture coordinates of `carrier` are those that
+    /// [`coordinates`] names, if it has them.
+    pub(super) fn displacement(
+        &mut self,
+        height: &Input<f32>,
+        carrier: &Arc<dyn Carrier>,
+    ) -> Displacement {
+        let (map, scale, bias) = match height {
+            Input::Value(value) => (constant(*value), 1.0, 0.0),
+            Input::Primvar { name, fallback } => match carrier.slot(name, 1) {
+                None => (constant(*fallback), 1.0, 0.0),
+                Some(slot) => (by_primvar(slot, carrier.clone()), 1.0, 0.0),
+            },
+            Input::Texture(map) => {
+                let channel = usize::from(component(map));
+                let texture = self.textures.get(map.texture);
+                match (carrier.slot(&map.primvar, 2), texture) {
+                    (Some(slot), Some(texture)) => {
+                        let image = if carrier.is_texcoord(slot) {
+                            self.image(map, texture)
+                        } else {
+                            image_by_primvar(map, slot, carrier.clone(), texture.clone())
+                        };
+                        (image, map.scale[channel], map.bias[channel])
+                    }
+                    _ => (constant(map.fallback[channel]), 1.0, 0.0),
+                }
+            }
+        };
+        Displacement::Scalar(Amount { map, scale, bias })
+    }
+
+    /// An image at a surface's own texture coordinates.
+    fn image(&mut self, map: &TextureMap, texture: &Arc<Texture>) -> Arc<dyn DisplacementMap> {
+        let component = component(map);
+        let image = self
+            .maps
+            .entry((map.texture, component))
+            .or_insert_with(|| ImageMap::new(texture.clone(), Channels::Component(component)));
+        Arc::new(image.moved(StTransform::new(&map.transform).affine()))
+    }
+}
+
+/// The same height everywhere.
+fn constant(height: f32) -> Arc<dyn DisplacementMap> {
+    let range = Bounds3::of([Vec3::new(height, 0.0, 0.0)]);
+    Arc::new(Function::scalar(move |_| height).bounded(move |_| range))
+}
+
+/// The primvar's first component.
+fn by_primvar(slot: usize, carrier: Arc<dyn Carrier>) -> Arc<dyn DisplacementMap> {
+    Arc::new(Function::scalar(move |at| {
+        let mut height = [0.0];
+        carrier.primvar(slot, at.face, at.uv, &mut height);
+        height[0]
+    }))
+}
+
+/// An image at coordinates that are not the surface's own: the same all over a face, or the first two of three.
+fn image_by_primvar(
+    map: &TextureMap,
+    slot: usize,
+    carrier: Arc<dyn Carrier>,
+    texture: Arc<Texture>,
+) -> Arc<dyn DisplacementMap> {
+    let (transform, channel) = (
+        StTransform::new(&map.transform),
+        usize::from(component(map)),
+    );
+    Arc::new(Function::scalar(move |at| {
+        let mut st = [0.0; 2];
+        carrier.primvar(slot, at.face, at.uv, &mut st);
+        texture.eval(transform.apply(Vec2::from(st)))[channel]
+    }))
+}
+
+fn component(map: &TextureMap) -> u8 {
+    match map.channels {
+        scene::Channels::Rgb | scene::Channels::R => 0,
+        scene::Channels::G => 1,
+        scene::Channels::B => 2,
+        scene::Channels::A => 3,
+    }
+}
+
+/// The material's displacement along the normal, for Embree; `widths` are the names and widths of the primvars that
+/// the geometry carries, by slot.
+pub(super) fn by_callback(material: Material, widths: Vec<(String, usize)>) -> trace::Displacement {
+    let carried = Carried { widths };
+    Arc::new(move |point| {
+        let height = material.displacement(&At {
+            point,
+            carried: &carried,
+        });
+        height * point.normal
+    })
+}
+
+struct Carried {
+    widths: Vec<(String, usize)>,
+}
+
+struct At<'a> {
+    point: &'a trace::DisplacementPoint<'a>,
+    carried: &'a Carried,
+}
+
+impl Primvars for At<'_> {
+    fn get(&self, name: &str, out: &mut [f32]) -> bool {
+        let slot = self
+            .carried
+            .widths
+            .iter()
+            .position(|(n, width)| n == name && *width >= out.len());
+        slot.inspect(|&slot| self.point.primvar(slot, out))
+            .is_some()
+    }
+}

@@ -1,0 +1,173 @@
+//! Ways of tracing a surface: their names, how each is built, and from its hits back to the face.
+
+use std::sync::Arc;
+
+use crate::accel::{Intersector, Tessellated, Trimmed};
+use crate::error::Result;
+use crate::math::Vec2;
+use crate::surface::{Diced, Grids, Rates, Surface};
+use crate::trace::{Device, Geometry, SceneHit, diced_grid_uv, diced_triangle_uv};
+
+/// A way of tracing a surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// Embree's own subdivision geometry.
+    EmbreeSubdivision,
+    /// Our micro-triangles as Embree's triangles.
+    EmbreeTriangles,
+    /// Our micro-triangles as Embree's grids. The default: a tenth slower than triangles in a sixth of their memory.
+    #[default]
+    EmbreeGrid,
+    /// Our micro-triangles in a plain tree of our own.
+    Tessellated,
+}
+
+/// A surface built for a method.
+pub struct TracedSurface {
+    /// What Embree traces.
+    pub geometry: Geometry,
+    /// How a hit tells where on the surface it is.
+    pub places: HitPlaces,
+    /// Bytes held beside Embree's.
+    pub bytes: usize,
+}
+
+/// From a hit to the face, and the parameters on it.
+pub enum HitPlaces {
+    /// The hit's primitive is a micro-triangle.
+    Triangles(Arc<Grids>),
+    /// The hit's primitive is a grid.
+    Grids(Arc<Grids>),
+    /// The hit has them itself.
+    OfHit,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::EmbreeSubdivision,
+        Self::EmbreeTriangles,
+        Self::EmbreeGrid,
+        Self::Tessellated,
+    ];
+
+    /// Its name on the command line and in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::EmbreeSubdivision => "embree-subdivision",
+            Self::EmbreeTriangles => "embree-triangles",
+            Self::EmbreeGrid => "embree-grid",
+            Self::Tessellated => "tessellated",
+        }
+    }
+
+    /// What it is, in a line.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::EmbreeSubdivision => "Embree's subdivision surfaces, displaced by its callback",
+            Self::EmbreeTriangles => {
+                "micro-triangles in Embree: a tenth faster than grids, six times their memory"
+            }
+            Self::EmbreeGrid => "micro-triangles as Embree's grids",
+            Self::Tessellated => "micro-triangles in a plain tree of our own: slow",
+        }
+    }
+
+    /// Bytes that a micro-triangle takes at most while its object is built, trees and all, at each motion key: what
+    /// `--stats` shows for `scenes/creature` as Embree's peak, and our own vertices beside it.
+    pub fn bytes_per_micro_triangle(self) -> u64 {
+        match self {
+            Self::EmbreeSubdivision => 22,
+            Self::EmbreeTriangles => 135,
+            Self::EmbreeGrid => 32,
+            Self::Tessellated => 50,
+        }
+    }
+
+    /// Builds a surface. Embree's subdivision knows control meshes, but not our surfaces: under its name they become
+    /// Embree's triangles.
+    ///
+    /// # Errors
+    /// If there are more micro-triangles than the method can number, or memory runs out.
+    pub fn build(
+        self,
+        surface: &Arc<Surface>,
+        rates: &Rates,
+        device: &Device,
+    ) -> Result<TracedSurface> {
+        let diced = Arc::new(Diced::new(surface, rates));
+        let grids = diced.shared_grids().clone();
+        let (geometry, places, bytes) = match self {
+            Self::EmbreeSubdivision | Self::EmbreeTriangles => {
+                let bytes = grids.memory();
+                let geometry = Geometry::diced_triangles(device, &diced)?;
+                (geometry, HitPlaces::Triangles(grids), bytes)
+            }
+            Self::EmbreeGrid => {
+                let bytes = grids.memory();
+                let geometry = Geometry::diced_grids(device, &diced)?;
+                (geometry, HitPlaces::Grids(grids), bytes)
+            }
+            Self::Tessellated => of_hit(Tessellated::build(diced), surface, device)?,
+        };
+        let geometry = places.trimmed(geometry, surface);
+        Ok(TracedSurface {
+            geometry,
+            places,
+            bytes,
+        })
+    }
+}
+
+/// A method of our own on what is kept of a surface.
+fn of_hit<I: Intersector + 'static>(
+    method: I,
+    surface: &Arc<Surface>,
+    device: &Device,
+) -> Result<(Geometry, HitPlaces, usize)> {
+    let bytes = method.memory();
+    let geometry = if surface.base().is_trimmed() {
+        Geometry::user(device, Arc::new(Trimmed::new(method, surface.clone())))?
+    } else {
+        Geometry::user(device, Arc::new(method))?
+    };
+    Ok((geometry, HitPlaces::OfHit, bytes))
+}
+
+impl HitPlaces {
+    /// The face of the surface's base and the parameters on it.
+    ///
+    /// # Panics
+    /// If the hit is on another geometry.
+    pub fn face_uv(&self, hit: &SceneHit) -> (u32, Vec2) {
+        match self {
+            Self::Triangles(grids) => diced_triangle_uv(grids, hit.primitive, hit.uv),
+            Self::Grids(grids) => diced_grid_uv(grids, hit.primitive, hit.uv),
+            Self::OfHit => (hit.face, hit.uv),
+        }
+    }
+
+    /// Embree's geometry of a surface with only the hits that are on its kept part.
+    fn trimmed(&self, mut geometry: Geometry, surface: &Arc<Surface>) -> Geometry {
+        if surface.base().is_trimmed() {
+            let surface = surface.clone();
+            let is_kept = move |(face, uv): (u32, Vec2)| surface.base().is_kept(face, uv);
+            match self {
+                Self::Triangles(grids) => {
+                    let grids = grids.clone();
+                    geometry.filter(Arc::new(move |primitive, uv| {
+                        is_kept(diced_triangle_uv(&grids, primitive, uv))
+                    }));
+                }
+                Self::Grids(grids) => {
+                    let grids = grids.clone();
+                    geometry.filter(Arc::new(move |primitive, uv| {
+                        is_kept(diced_grid_uv(&grids, primitive, uv))
+                    }));
+                }
+                Self::OfHit => {}
+            }
+        }
+        geometry
+    }
+}

@@ -1,0 +1,226 @@
+//! One scene by every method: the same picture, and the same bytes for any number of threads.
+
+use std::path::Path;
+
+use crate::common::{mean, options, read, run, write_scene};
+use relievo::math::Vec3;
+use relievo::world::Method;
+
+/// A house of quads and pentagons with a semi-sharp eave, displaced, twice; a ball of triangles by Loop's scheme,
+/// displaced; a cube with creases by Chaikin's rule, which moves while the shutter is open; a die whose points move; a
+/// NURBS sheet, trimmed to a disc and displaced.
+/// Heights and colours are primvars of several kinds.
+const SCENE: &str = r#"
+def Camera "Camera" {
+    float focalLength = 50
+    float horizontalAperture = 24
+    float verticalAperture = 24
+    float2 clippingRange = (0.01, 1000)
+    double shutter:open = 0
+    double shutter:close = 1
+    double3 xformOp:translate = (0, 0.4, 14)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def DomeLight "Sky" { float inputs:intensity = 0.5 }
+def DistantLight "Sun" {
+    float inputs:angle = 1
+    float inputs:intensity = 2
+    float3 xformOp:rotateXYZ = (-40, 30, 0)
+    uniform token[] xformOpOrder = ["xformOp:rotateXYZ"]
+}
+def Material "Bumpy" {
+    token outputs:surface.connect = </Bumpy/Surface.outputs:surface>
+    token outputs:displacement.connect = </Bumpy/Surface.outputs:displacement>
+    def Shader "Surface" {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor.connect = </Bumpy/Tint.outputs:result>
+        float inputs:displacement.connect = </Bumpy/Height.outputs:result>
+        token outputs:displacement
+        token outputs:surface
+    }
+    def Shader "Height" {
+        uniform token info:id = "UsdPrimvarReader_float"
+        string inputs:varname = "height"
+        float inputs:fallback = 0.1
+        float outputs:result
+    }
+    def Shader "Tint" {
+        uniform token info:id = "UsdPrimvarReader_float3"
+        string inputs:varname = "tint"
+        float3 inputs:fallback = (0.8, 0.4, 0.3)
+        float3 outputs:result
+    }
+}
+class "Home" {
+    def Mesh "House" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+        rel material:binding = </Bumpy>
+        int[] faceVertexCounts = [4, 4, 4, 5, 5, 4, 4]
+        int[] faceVertexIndices = [0, 3, 2, 1,  0, 1, 5, 4,  2, 3, 7, 6,  1, 2, 6, 9, 5,  3, 0, 4, 8, 7,  4, 5, 9, 8,  8, 9, 6, 7]
+        point3f[] points = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1), (-1, 0, 2), (1, 0, 2)]
+        int[] creaseIndices = [4, 5]
+        int[] creaseLengths = [2]
+        float[] creaseSharpnesses = [2.5]
+        float[] primvars:height = [0, 0.2, 0.1, 0.3, 0, 0.1, 0.3, 0.1, 0.2, 0] (interpolation = "vertex")
+        color3f[] primvars:tint = [(0.9, 0.2, 0.2), (0.2, 0.9, 0.2), (0.2, 0.2, 0.9), (0.9, 0.9, 0.2), (0.2, 0.9, 0.9), (0.9, 0.2, 0.9), (0.7, 0.7, 0.7)] (interpolation = "uniform")
+    }
+}
+def "Left" (instanceable = true; references = </Home>) {
+    float3 xformOp:rotateXYZ = (-90, 30, 0)
+    double3 xformOp:translate = (-1.9, -1.9, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+}
+def "Right" (instanceable = true; references = </Home>) {
+    float3 xformOp:rotateXYZ = (-60, -50, 20)
+    double3 xformOp:translate = (1.9, -1.9, -1)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:rotateXYZ"]
+}
+def Mesh "Octahedron" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </Bumpy>
+    uniform token subdivisionScheme = "loop"
+    int[] faceVertexCounts = [3, 3, 3, 3, 3, 3, 3, 3]
+    int[] faceVertexIndices = [0, 2, 4, 2, 1, 4, 1, 3, 4, 3, 0, 4, 2, 0, 5, 1, 2, 5, 3, 1, 5, 0, 3, 5]
+    point3f[] points = [(1.4, 0, 0), (-1.4, 0, 0), (0, 1.4, 0), (0, -1.4, 0), (0, 0, 1.4), (0, 0, -1.4)]
+    float[] primvars:height = [0.5] (interpolation = "constant")
+    double3 xformOp:translate = (-2, 2.4, 0)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Mesh "Chaikin" {
+    int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
+    int[] faceVertexIndices = [0, 3, 2, 1, 4, 5, 6, 7, 0, 1, 5, 4, 1, 2, 6, 5, 2, 3, 7, 6, 3, 0, 4, 7]
+    point3f[] points = [(-1, -1, -1), (1, -1, -1), (1, 1, -1), (-1, 1, -1), (-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)]
+    int[] creaseIndices = [4, 5, 6, 7, 4]
+    int[] creaseLengths = [5]
+    float[] creaseSharpnesses = [1, 2, 3, 1.5]
+    uniform token creaseMethod = "chaikin"
+    color3f[] primvars:displayColor = [(0.4, 0.6, 0.8)]
+    double3 xformOp:translate.timeSamples = { 0: (1.8, 2.2, 0), 1: (2.1, 2.6, 0) }
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def NurbsPatch "Sheet" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </Bumpy>
+    int uOrder = 3
+    int vOrder = 2
+    int uVertexCount = 3
+    int vVertexCount = 2
+    double[] uKnots = [0, 0, 0, 1, 1, 1]
+    double[] vKnots = [0, 0, 1, 1]
+    point3f[] points = [(-1.4, -1, 0), (0, -1, 1.5), (1.4, -1, 0), (-1.4, 1, 0), (0, 1, 1.5), (1.4, 1, 0)]
+    double[] pointWeights = [1, 2, 1, 1, 2, 1]
+    float[] primvars:height = [0, 0.3, 0, 0.2, 0, 0.2] (interpolation = "vertex")
+    int[] trimCurve:counts = [1]
+    int[] trimCurve:orders = [2]
+    int[] trimCurve:vertexCounts = [5]
+    double[] trimCurve:knots = [0, 0, 1, 2, 3, 4, 4]
+    double2[] trimCurve:ranges = [(0, 4)]
+    double3[] trimCurve:points = [(0.5, 0, 1), (1, 0.5, 1), (0.5, 1, 1), (0, 0.5, 1), (0.5, 0, 1)]
+    double3 xformOp:translate = (0, -2.4, 2)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Mesh "Die" {
+    int[] faceVertexCounts = [4, 4, 4, 4, 4, 4]
+    int[] faceVertexIndices = [0, 3, 2, 1, 4, 5, 6, 7, 0, 1, 5, 4, 1, 2, 6, 5, 2, 3, 7, 6, 3, 0, 4, 7]
+    point3f[] points.timeSamples = {
+        0: [(-0.5, -0.5, -0.5), (0.5, -0.5, -0.5), (0.5, 0.5, -0.5), (-0.5, 0.5, -0.5), (-0.5, -0.5, 0.5), (0.5, -0.5, 0.5), (0.5, 0.5, 0.5), (-0.5, 0.5, 0.5)],
+        1: [(-0.5, -0.5, -0.5), (0.5, -0.5, -0.5), (0.5, 0.5, -0.5), (-0.5, 0.5, -0.5), (0, -0.5, 0.5), (1, -0.5, 0.5), (1, 0.9, 0.5), (0, 0.9, 0.5)]
+    }
+    color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1), (1, 1, 1), (0, 0, 0),
+        (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1), (1, 1, 1), (0, 0, 0),
+        (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (0, 1, 1), (1, 0, 1), (1, 1, 1), (0, 0, 0)] (interpolation = "faceVarying")
+    double3 xformOp:translate = (0, 0.2, 1)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"#;
+
+fn picture(folder: &Path, scene: &Path, method: Method, threads: usize) -> Vec<Vec3> {
+    let picture = folder.join(format!("{}-{threads}.exr", method.name()));
+    let mut options = options(scene, &picture);
+    options.resolution = Some([64, 64]);
+    options.spp = 16;
+    options.threads = threads;
+    options.build.method = method;
+    let stats = run(&options);
+    assert_eq!(stats.non_finite_samples, 0, "{}", method.name());
+    read(&picture).2
+}
+
+#[test]
+fn every_method_shows_the_same_picture() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_scene(folder.path(), "scene.usda", SCENE);
+    let reference = picture(folder.path(), &scene, Method::EmbreeTriangles, 2);
+    let all = mean(&reference);
+    assert!(all.min_element() > 0.05, "{all}");
+    for method in Method::ALL {
+        let one = picture(folder.path(), &scene, method, 1);
+        let two = picture(folder.path(), &scene, method, 2);
+        let bits = |p: &Vec3| p.to_array().map(f32::to_bits);
+        let differing = one.iter().zip(&two).filter(|(a, b)| bits(a) != bits(b));
+        assert_eq!(differing.count(), 0, "{}: by threads", method.name());
+        let difference: Vec<Vec3> = (one.iter().zip(&reference))
+            .map(|(a, b)| (*a - *b).abs())
+            .collect();
+        let (bias, difference) = (mean(&one) / all - Vec3::ONE, mean(&difference) / all);
+        println!(
+            "{}: mean off by {bias}, absolute difference {difference}",
+            method.name()
+        );
+        assert!(
+            bias.abs().max_element() < 0.01 && difference.max_element() < 0.03,
+            "{}: {bias} {difference}",
+            method.name()
+        );
+    }
+}
+
+/// Seen straight on, a trimmed square covers what its trim curve encloses, by every method.
+#[test]
+fn a_trimmed_square_covers_its_disc() {
+    let body = r#"
+def Camera "Camera" {
+    token projection = "orthographic"
+    float horizontalAperture = 20
+    float verticalAperture = 20
+    float2 clippingRange = (0.01, 1000)
+    double3 xformOp:translate = (0, 0, 5)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def Material "Glow" {
+    token outputs:surface.connect = </Glow/Surface.outputs:surface>
+    def Shader "Surface" {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor = (0, 0, 0)
+        color3f inputs:emissiveColor = (1, 1, 1)
+        float inputs:ior = 1
+        token outputs:surface
+    }
+}
+def DomeLight "Night" { float inputs:intensity = 0 }
+def NurbsPatch "Disc" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </Glow>
+    int uOrder = 2
+    int vOrder = 2
+    int uVertexCount = 2
+    int vVertexCount = 2
+    double[] uKnots = [-1, -1, 1, 1]
+    double[] vKnots = [-1, -1, 1, 1]
+    point3f[] points = [(-1, -1, 0), (1, -1, 0), (-1, 1, 0), (1, 1, 0)]
+    int[] trimCurve:counts = [1]
+    int[] trimCurve:orders = [3]
+    int[] trimCurve:vertexCounts = [9]
+    double[] trimCurve:knots = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4]
+    double2[] trimCurve:ranges = [(0, 4)]
+    double3[] trimCurve:points = [(0.8, 0, 1), (0.5656854, 0.5656854, 0.7071068), (0, 0.8, 1), (-0.5656854, 0.5656854, 0.7071068), (-0.8, 0, 1), (-0.5656854, -0.5656854, 0.7071068), (0, -0.8, 1), (0.5656854, -0.5656854, 0.7071068), (0.8, 0, 1)]
+}
+"#;
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_scene(folder.path(), "disc.usda", body);
+    for method in Method::ALL {
+        let covered = mean(&picture(folder.path(), &scene, method, 0)).x;
+        let exact = 0.25 * std::f32::consts::PI * 0.64;
+        assert!(
+            (covered - exact).abs() < 2e-3,
+            "{}: {covered} for {exact}",
+            method.name()
+        );
+    }
+}
