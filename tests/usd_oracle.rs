@@ -16,6 +16,7 @@ use std::path::{Path, PathBuf};
 
 use relievo::error::Error;
 use relievo::image::ImageSource;
+use relievo::math::Vec3;
 use relievo::scene::{Description, Geometry, LoadOptions, MissingLayers, Purpose, load};
 use serde_json::Value;
 
@@ -127,7 +128,7 @@ fn compare(scene: &Path, oracle: &Value, time: &str) -> [usize; 6] {
     found
 }
 
-/// The clips of the shared scene drive the size of a cube.
+/// The clips of the shared scene drive the size of a cube, which is left out where that is 0.
 #[test]
 fn value_clips_follow_their_times() {
     let Some(shared) = shared() else {
@@ -138,7 +139,8 @@ fn value_clips_follow_their_times() {
     let scene = shared.join("assets/usd-scenes/clips/clips.usda");
     for time in ["0", "2.5", "4", "5", "7", "10", "20"] {
         let description = load(&scene, &options(time.parse().unwrap())).unwrap();
-        let size = description.shapes[0].geometry.bounds().extent();
+        let cube = description.shapes.first();
+        let size = cube.map_or(Vec3::ZERO, |cube| cube.geometry.bounds().extent());
         let theirs = float(&oracle["prims"]["/M"], "size", time, f32::NAN);
         assert_eq!(size.to_array(), [theirs; 3], "at {time}");
     }
