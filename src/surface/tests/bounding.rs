@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use super::cages::cages;
 use super::shapes::Random;
 use super::*;
 use crate::image::{Channel, ChannelFormat, Compression, Part, Picture};
@@ -12,16 +13,19 @@ fn holds(bounds: &Bounds3, p: Vec3) -> bool {
     bounds.min.cmple(p).all() && p.cmple(bounds.max).all()
 }
 
-/// Two million points (times `RELIEVO_EFFORT`), in random rectangles of all shapes and displacements, near the origin and far from it; and how
-/// tight the bounds are.
+/// Two million points (times `RELIEVO_EFFORT`), in random rectangles of all shapes and displacements, near the origin
+/// and far from it; and how tight the bounds are.
 #[test]
 fn no_displaced_point_is_outside_of_its_bounds() {
     let mut cases = Vec::new();
-    for (shape, base) in closed() {
-        for (kind, displacement) in displacements(0.1) {
-            for offset in [0.0, 300.0] {
-                let moved = base.clone().mapped(|p| p + offset);
+    for (kind, displacement) in displacements(0.1) {
+        for offset in [0.0, 300.0] {
+            for (shape, base) in closed() {
+                let moved = base.mapped(|p| p + offset);
                 cases.push((shape, kind, surface(moved, displacement.clone())));
+            }
+            for (shape, base) in cages(offset) {
+                cases.push((shape, kind, Surface::new(base, displacement.clone())));
             }
         }
     }
@@ -34,6 +38,9 @@ fn no_displaced_point_is_outside_of_its_bounds() {
             let (mut outside, mut points, mut size) = (0, 0, 0.0);
             for round in 0..rounds as u32 {
                 let face = round % surface.base().faces();
+                if surface.base().is_hole(face) {
+                    continue;
+                }
                 let mut rect = random.rect();
                 // Smaller ones too, and some at the border.
                 let shrink = 0.5_f32.powi((round % 6) as i32);
@@ -73,9 +80,14 @@ fn no_displaced_point_is_outside_of_its_bounds() {
 #[test]
 fn no_micro_vertex_is_outside_of_its_face() {
     let mut vertices = 0;
-    for (shape, base) in closed() {
-        for (kind, displacement) in displacements(0.15) {
-            let surface = surface(base.clone().moving(|p| 1.5 * p + Vec3::X), displacement);
+    for (kind, displacement) in displacements(0.15) {
+        let moving = |(shape, base): (_, Patches)| {
+            let moving = base.moving(|p| 1.5 * p + Vec3::X);
+            (shape, surface(moving, displacement.clone()))
+        };
+        let still = |(shape, base)| (shape, Surface::new(base, displacement.clone()));
+        let all = closed().into_iter().map(moving);
+        for (shape, surface) in all.chain(cages(0.0).into_iter().map(still)) {
             let diced = Diced::new(&surface, &Rates::by_edge(&surface, |e| 8 + e % 17));
             for (key, positions) in diced.positions().iter().enumerate() {
                 for grid in diced.grids() {

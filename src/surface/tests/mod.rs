@@ -1,6 +1,7 @@
 //! Displaced surfaces against differences, their bounds against samples, their dicing against itself.
 
 mod bounding;
+mod cages;
 mod dicing;
 mod displacing;
 pub(crate) mod leaks;

@@ -30,7 +30,7 @@ fn direction(order: usize, knots: &[f64]) -> NurbsDirection {
 }
 
 /// A rational sphere of radius 1 with poles.
-fn sphere() -> NurbsPatch {
+pub(super) fn sphere() -> NurbsPatch {
     let profile = [
         ([0.0, -1.0], 1.0),
         ([1.0, -1.0], S),
@@ -50,7 +50,7 @@ fn sphere() -> NurbsPatch {
 }
 
 /// A bicubic sheet of two by one pieces over -1..1, without weights, trimmed to a disc of radius 0.8 around (0.1, 0).
-fn sheet() -> NurbsPatch {
+pub(super) fn sheet() -> NurbsPatch {
     let knots = [-1.0, -1.0, -1.0, -1.0, 0.25, 1.0, 1.0, 1.0, 1.0];
     let curve = TrimCurve {
         order: 3,
