@@ -1,5 +1,8 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
+mod compact;
+mod moment;
+mod simd;
 mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -7,6 +10,7 @@ mod triangle;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
+pub use compact::{Accuracy, Compact, CompactOptions};
 pub use tessellated::Tessellated;
 
 /// A way to meet rays with one displaced surface. Shared by all render threads.

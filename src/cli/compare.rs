@@ -32,6 +32,7 @@ enum MethodArgument {
     EmbreeTriangles,
     EmbreeGrid,
     Tessellated,
+    Compact,
 }
 
 impl Compare {
@@ -58,6 +59,7 @@ impl Compare {
                 MethodArgument::EmbreeTriangles => Method::EmbreeTriangles,
                 MethodArgument::EmbreeGrid => Method::EmbreeGrid,
                 MethodArgument::Tessellated => Method::Tessellated,
+                MethodArgument::Compact => Method::Compact,
             };
             if !methods.contains(&method) {
                 methods.push(method);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::Fineness;
-use crate::accel::{Intersector, Tessellated};
+use crate::accel::{Compact, CompactOptions, Intersector, Tessellated};
 use crate::error::Result;
 use crate::math::{Affine3A, Bounds3, Ray, Vec3};
 use crate::mesh::Topology;
@@ -26,15 +26,18 @@ pub enum Method {
     EmbreeGrid,
     /// Our micro-triangles in a plain tree of our own.
     Tessellated,
+    /// Our micro-triangles quantised, in trees without pointers.
+    Compact,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
         Self::Tessellated,
+        Self::Compact,
     ];
 
     /// Its name on the command line and in reports.
@@ -44,6 +47,7 @@ impl Method {
             Self::EmbreeTriangles => "embree-triangles",
             Self::EmbreeGrid => "embree-grid",
             Self::Tessellated => "tessellated",
+            Self::Compact => "compact",
         }
     }
 }
@@ -118,6 +122,11 @@ impl Prepared {
                 .object
                 .subdivision_options(trace::Rates::PerCorner(corners));
             Geometry::subdivision(device, self.object.mesh.clone(), options)?
+        } else if method == Method::Compact {
+            let options = CompactOptions::default();
+            let tree = Compact::build(&self.surface, rates, &options, &|_| true)?;
+            bytes += tree.memory();
+            Geometry::user(device, Arc::new(tree))?
         } else {
             let made = diced.insert(Arc::new(Diced::new(&self.surface, rates)));
             match method {
@@ -168,8 +177,8 @@ impl Traced {
         let (face, uv) = match (&self.diced, self.method) {
             (Some(diced), Method::EmbreeTriangles) => diced_triangle_uv(diced, hit),
             (Some(diced), Method::EmbreeGrid) => diced_grid_uv(diced, hit),
-            (Some(_), _) => (hit.face, hit.uv),
-            (None, _) => {
+            (_, Method::Tessellated | Method::Compact) => (hit.face, hit.uv),
+            _ => {
                 let geometry = self.scene.geometry(hit.geometry);
                 let point = geometry.displaced_point(hit.primitive, hit.uv, 0.0);
                 let sign = if self.left_handed { -1.0 } else { 1.0 };
