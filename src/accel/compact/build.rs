@@ -4,6 +4,8 @@
 //! order: the bytes are the same for any number of threads, and beside the result only a batch's bands and one band of
 //! floats a thread exist.
 
+use std::collections::HashMap;
+
 use rayon::prelude::*;
 
 use super::block::{CELLS, PADDING, SIDE, UNIT, Vertices};
@@ -117,6 +119,8 @@ struct Builder<'a> {
     largest: f64,
     squares: f64,
     vertices: usize,
+    /// The number of each size's shape.
+    shapes: HashMap<[u16; 2], u32>,
     /// The lowest nodes of the face at hand, and what they enclose.
     pending: Vec<(Node, Extent)>,
 }
@@ -140,6 +144,7 @@ impl<'a> Builder<'a> {
             keys: base.keys(),
             left_handed: base.left_handed(),
             faces: Vec::with_capacity(grids.len()),
+            shapes: Vec::new(),
             nodes: Vec::new(),
             data: Vec::new(),
             accuracy: Accuracy::default(),
@@ -153,6 +158,7 @@ impl<'a> Builder<'a> {
             largest: 0.0,
             squares: 0.0,
             vertices: 0,
+            shapes: HashMap::new(),
             pending: Vec::new(),
         }
     }
@@ -291,18 +297,23 @@ impl<'a> Builder<'a> {
     fn join(&mut self, place: Place, band: Band) {
         let built = &mut self.built;
         let grid = &self.grids[place.grid];
-        let shape = Shape::new(grid.size, built.keys > 1);
+        let number = *self.shapes.entry(grid.size).or_insert_with(|| {
+            built.shapes.push(Shape::new(grid.size, built.keys > 1));
+            built.shapes.len() as u32 - 1
+        });
+        let shape = built.shapes[number as usize];
         let start = (built.data.len() / UNIT) as u32;
         if place.key == 0 && place.row == 0 {
             built.faces.push(Face {
                 face: grid.face,
                 size: grid.size,
                 segments: grid.segments,
-                root: if shape.levels == 0 {
+                root: if shape.levels() == 0 {
                     start
                 } else {
                     built.nodes.len() as u32
                 },
+                shape: number,
             });
         }
         self.largest = self.largest.max(band.largest);
@@ -323,17 +334,17 @@ impl<'a> Builder<'a> {
                 built.reach = built.reach.max(largest as f32);
             }
         }
-        if shape.levels == 0 {
+        if shape.levels() == 0 {
             self.pending.clear();
             return;
         }
         // From the lowest level up; the root is stored first.
         let first = built.nodes.len();
         let empty = Node::new(&[Extent::EMPTY; 16], 0, [0; 16]);
-        built.nodes.resize(first + shape.nodes, empty);
+        built.nodes.resize(first + shape.nodes(), empty);
         let mut below: Vec<Extent> = Vec::new();
-        for level in 1..=shape.levels {
-            let [columns, rows] = shape.sizes[level];
+        for level in 1..=shape.levels() {
+            let [columns, rows] = shape.size(level);
             let mut extents = Vec::with_capacity(columns * rows);
             for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
                 let (node, extent) = if level == 1 {
@@ -343,7 +354,7 @@ impl<'a> Builder<'a> {
                     let [fan, fans] = shape.fan(level, i, j);
                     for (cj, ci) in (0..fans).flat_map(|cj| (0..fan).map(move |ci| (cj, ci))) {
                         children[FAN * cj + ci] =
-                            below[(FAN * j + cj) * shape.sizes[level - 1][0] + FAN * i + ci];
+                            below[(FAN * j + cj) * shape.size(level - 1)[0] + FAN * i + ci];
                     }
                     let all = children.iter().fold(Extent::EMPTY, |a, b| a.union(*b));
                     (Node::new(&children, 0, [0; 16]), all)

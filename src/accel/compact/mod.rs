@@ -7,7 +7,7 @@
 //!
 //! ```text
 //!   Embree's tree          one primitive a face
-//!     face                 its rates, and where its tree starts                              20 bytes
+//!     face                 its rates, and where its tree starts                              24 bytes
 //!       nodes              4 x 4 children: 6 x 16 planes of a byte, a frame, block sizes    128 bytes for 16 blocks
 //!         blocks           7 x 7 quads: head of 24 bytes, 64 vertices of some 5 to 15 bits
 //! ```
@@ -68,6 +68,8 @@ pub struct Compact {
     keys: u32,
     left_handed: bool,
     faces: Vec<Face>,
+    /// Shapes of trees, one for each size of faces.
+    shapes: Vec<Shape>,
     /// Each face's trees, key by key.
     nodes: Vec<Node>,
     data: Vec<u8>,
@@ -82,6 +84,8 @@ struct Face {
     segments: [u16; 4],
     /// The root of its first tree, or where its block starts if it is but one.
     root: u32,
+    /// The number of its tree's shape.
+    shape: u32,
 }
 
 impl Compact {
@@ -90,27 +94,27 @@ impl Compact {
         self.accuracy
     }
 
-    /// Bytes of faces, nodes, and blocks.
+    /// Bytes of faces with the shapes of their trees, of nodes, and blocks.
     pub fn parts(&self) -> [usize; 3] {
         [
-            size_of_val(self.faces.as_slice()),
+            size_of_val(self.faces.as_slice()) + size_of_val(self.shapes.as_slice()),
             size_of_val(self.nodes.as_slice()),
             self.data.len(),
         ]
     }
 
     #[inline(always)]
-    fn shape(&self, face: &Face) -> Shape {
-        Shape::new(face.size, self.keys > 1)
+    fn shape(&self, face: &Face) -> &Shape {
+        &self.shapes[face.shape as usize]
     }
 
     /// A block's head at a motion key.
     #[inline(always)]
     fn head(&self, face: &Face, shape: &Shape, [i, j]: [usize; 2], key: usize) -> Head {
-        let at = if shape.levels == 0 {
+        let at = if shape.levels() == 0 {
             face.root as usize * block::UNIT
         } else {
-            let node = shape.node(1, i / FAN, j / FAN) + key * shape.nodes;
+            let node = shape.node(1, i / FAN, j / FAN) + key * shape.nodes();
             let child = j % FAN * FAN + i % FAN;
             self.nodes[face.root as usize + node].block(child)
         };
@@ -125,14 +129,14 @@ impl Compact {
     /// All that a face shows at a motion key.
     fn extent(&self, face: &Face, key: usize) -> Extent {
         let shape = self.shape(face);
-        if shape.levels > 0 {
-            let node = &self.nodes[face.root as usize + key * shape.nodes];
-            let [columns, rows] = shape.fan(shape.levels, 0, 0);
+        if shape.levels() > 0 {
+            let node = &self.nodes[face.root as usize + key * shape.nodes()];
+            let [columns, rows] = shape.fan(shape.levels(), 0, 0);
             return (0..rows)
                 .flat_map(|j| (0..columns).map(move |i| FAN * j + i))
                 .fold(Extent::EMPTY, |all, c| all.union(node.child(c)));
         }
-        let head = self.head(face, &shape, [0, 0], key);
+        let head = self.head(face, shape, [0, 0], key);
         let [nu, nv] = face.size.map(usize::from);
         (0..=nv)
             .flat_map(|j| (0..=nu).map(move |i| (i, j)))
@@ -152,7 +156,7 @@ impl Compact {
             [(i, j), (i + 1, j), (i, j + 1)]
         };
         let at = |key: usize| {
-            let head = self.head(face, &shape, [bi, bj], key);
+            let head = self.head(face, shape, [bi, bj], key);
             corners.map(|(i, j)| self.lattice.position(head.vertex(&self.data, i, j)))
         };
         let from = at(moment.from);
@@ -217,6 +221,6 @@ impl Intersector for Compact {
     }
 
     fn memory(&self) -> usize {
-        size_of_val(self.faces.as_slice()) + size_of_val(self.nodes.as_slice()) + self.data.len()
+        self.parts().iter().sum()
     }
 }

@@ -30,7 +30,7 @@ impl Compact {
         let [nu, nv] = face.size.map(usize::from);
         // The last vertices belong to the last blocks.
         let block = [i.min(nu - 1) / CELLS, j.min(nv - 1) / CELLS];
-        let head = self.head(face, &self.shape(face), block, key);
+        let head = self.head(face, self.shape(face), block, key);
         head.vertex(&self.data, i - CELLS * block[0], j - CELLS * block[1])
     }
 
@@ -193,7 +193,7 @@ fn every_box_encloses_what_is_below_it() {
                 all.including(head.vertex(&tree.data, x - CELLS * i, y - CELLS * j))
             });
         }
-        let number = shape.node(level, i, j) + key * shape.nodes;
+        let number = shape.node(level, i, j) + key * shape.nodes();
         let node = &tree.nodes[face.root as usize + number];
         let [columns, rows] = shape.fan(level, i, j);
         let mut all = Extent::EMPTY;
@@ -212,7 +212,7 @@ fn every_box_encloses_what_is_below_it() {
             for (p, face) in (0..).zip(&tree.faces) {
                 let all = tree.shape(face);
                 for key in 0..2 {
-                    let content = walk(&tree, face, &all, [all.levels, 0, 0], key);
+                    let content = walk(&tree, face, all, [all.levels(), 0, 0], key);
                     let bounds = tree.bounds(p, key as u32);
                     for corner in [content.min, content.max] {
                         let at = tree.lattice.position(corner).as_vec3();

@@ -10,7 +10,7 @@ use super::lattice::LatticeRay;
 use super::tree::{FAN, Node, Shape};
 use super::{Compact, Face};
 use crate::accel::moment::Moment;
-use crate::accel::simd::{Body, LANES, Lanes};
+use crate::accel::simd::{Body, LANES, Lanes, NARROW};
 use crate::accel::triangle::{TriangleHit, origin_in};
 use crate::math::Ray;
 
@@ -85,14 +85,14 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
         let mut walk = Walk::<MOVES> {
             compact,
             face,
-            shape: &shape,
+            shape,
             moment: &moment,
             world: *ray,
             ray: LatticeRay::new(&compact.lattice, ray, compact.reach),
         };
         let mut nearest = None;
         let mut stack = [Waiting(0); MOST_WAITING];
-        stack[0] = Waiting::new(0.0, shape.levels, 0, 0);
+        stack[0] = Waiting::new(0.0, shape.levels(), 0, 0);
         let mut count = 1;
         while count > 0 {
             count -= 1;
@@ -160,7 +160,7 @@ struct Sheared {
 impl<const MOVES: bool> Walk<'_, MOVES> {
     #[inline(always)]
     fn node(&self, level: usize, i: usize, j: usize, key: usize) -> &Node {
-        let number = self.shape.node(level, i, j) + key * self.shape.nodes;
+        let number = self.shape.node(level, i, j) + key * self.shape.nodes();
         &self.compact.nodes[self.face.root as usize + number]
     }
 
@@ -240,7 +240,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             y: [[0.0; LANES]; PAIRS],
             z: [[0.0; LANES]; PAIRS],
         };
-        self.decode(lanes, [i, j], rows, &mut sheared);
+        self.decode(lanes, [i, j], [columns, rows], &mut sheared);
         let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
         let passed = edges(lanes, &sheared, rows).map(|passed| passed & cells);
 
@@ -276,15 +276,21 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
 
     /// Decodes a block's vertices, and shears them.
     #[inline(always)]
-    fn decode<L: Lanes>(&self, lanes: L, place: [usize; 2], rows: usize, to: &mut Sheared) {
+    fn decode<L: Lanes>(
+        &self,
+        lanes: L,
+        place: [usize; 2],
+        [columns, rows]: [usize; 2],
+        to: &mut Sheared,
+    ) {
         let compact = self.compact;
         let moment = self.moment;
         let head = compact.head(self.face, self.shape, place, moment.from);
-        let mut planes = Planes::new(lanes, &head);
+        let mut planes = Planes::new(lanes, &head, columns);
         let mut later = planes;
         if MOVES {
             let head = compact.head(self.face, self.shape, place, moment.to);
-            later = Planes::new(lanes, &head);
+            later = Planes::new(lanes, &head, columns);
         }
         let LatticeRay { k, origin, s, .. } = self.ray;
         let [ox, oy, oz] = [
@@ -334,7 +340,12 @@ fn framed<L: Lanes>(lanes: L, planes: L::Floats, (origin, unit): (f32, f32)) -> 
 /// A block's prediction, two rows at a time.
 #[derive(Clone, Copy)]
 struct Planes<L: Lanes> {
+    /// With the main axis first.
     head: Head,
+    /// Where each axis is in it.
+    order: [usize; 3],
+    /// Whether the rows have all their vertices.
+    full: bool,
     at: [L::Ints; 3],
     /// From two rows to the next two.
     step: [L::Ints; 3],
@@ -342,7 +353,13 @@ struct Planes<L: Lanes> {
 
 impl<L: Lanes> Planes<L> {
     #[inline(always)]
-    fn new(lanes: L, head: &Head) -> Self {
+    fn new(lanes: L, head: &Head, columns_there: usize) -> Self {
+        let main = head.main;
+        let others = [(main + 1) % 3, (main + 2) % 3];
+        let mut order = [0; 3];
+        order[others[0]] = 1;
+        order[others[1]] = 2;
+        let head = head.in_order([main, others[0], others[1]]);
         let (columns, rows) = (lanes.load_ints(&COLUMNS), lanes.load_ints(&ROWS));
         let mut at = [columns; 3];
         let mut step = [rows; 3];
@@ -355,7 +372,9 @@ impl<L: Lanes> Planes<L> {
             step[k] = lanes.ints(2 * dv);
         }
         Self {
-            head: *head,
+            head,
+            order,
+            full: columns_there == CELLS,
             at,
             step,
         }
@@ -364,11 +383,11 @@ impl<L: Lanes> Planes<L> {
     /// The next two rows of vertices, which are the given ones, on the lattice.
     #[inline(always)]
     fn next(&mut self, lanes: L, data: &[u8], rows: [usize; 2]) -> [L::Floats; 3] {
-        let heights = self.fields(lanes, data, rows, self.head.main);
+        let heights = self.fields(lanes, data, rows, 0);
         let mut out = [lanes.floats(0.0); 3];
         for (k, out) in out.iter_mut().enumerate() {
             let mut field = heights;
-            if k != self.head.main {
+            if k > 0 {
                 let shear = lanes.mul_ints(heights, lanes.ints(self.head.axes[k].shear));
                 let shear = lanes.shift_right::<SHEAR_POINT>(shear);
                 field = lanes.add_ints(self.fields(lanes, data, rows, k), shear);
@@ -377,14 +396,20 @@ impl<L: Lanes> Planes<L> {
             self.at[k] = lanes.add_ints(self.at[k], self.step[k]);
             *out = lanes.to_floats(lanes.add_ints(plane, field));
         }
-        out
+        let [x, y, z] = self.order;
+        [out[x], out[y], out[z]]
     }
 
     #[inline(always)]
     fn fields(&self, lanes: L, data: &[u8], [a, b]: [usize; 2], k: usize) -> L::Ints {
         let (start, stride) = (self.head.rows[k], self.head.strides[k]);
+        let width = self.head.axes[k].width;
+        // Rows of eight follow each other without a gap.
+        if self.full && width <= NARROW {
+            return lanes.narrow_fields(data, start + a * stride, width);
+        }
         let rows = [start + a * stride, start + b * stride];
-        lanes.fields(data, rows, self.head.axes[k].width)
+        lanes.fields(data, rows, width)
     }
 }
 

@@ -18,6 +18,9 @@ pub(super) const LANES: usize = 16;
 /// The widest field that [`Lanes::fields`] takes apart, in bits.
 pub(super) const WIDEST: u32 = 25;
 
+/// The widest field that [`Lanes::narrow_fields`] takes apart, in bits.
+pub(super) const NARROW: u32 = 8;
+
 /// Bytes that must follow the last field.
 pub(super) const FIELD_PADDING: usize = 16;
 
@@ -65,6 +68,12 @@ pub(super) trait Lanes: Copy {
     /// # Panics
     /// If `width` exceeds [`WIDEST`], or the bytes end less than [`FIELD_PADDING`] after the last field.
     fn fields(self, bytes: &[u8], rows: [usize; 2], width: u32) -> Self::Ints;
+
+    /// Sixteen fields, each `width` bits wide, one after the other from byte `at` on, lowest bits first.
+    ///
+    /// # Panics
+    /// If `width` exceeds [`NARROW`], or fewer than 16 bytes follow.
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> Self::Ints;
 
     /// Lane i takes lane i + 1 of its half; the last lane of each half stays.
     fn next_in_row(self, a: Self::Floats) -> Self::Floats;
@@ -166,6 +175,42 @@ static FIELDS: [Fields; WIDEST as usize + 1] = {
         }
         all[width].mask = (1 << width) - 1;
         all[width].middle = middle;
+        width += 1;
+    }
+    all
+};
+
+/// How sixteen narrow fields are taken apart, which all lie in 16 bytes.
+struct NarrowFields {
+    /// For each lane, its two bytes among these 16, and two that are zero.
+    shuffle: [u8; 64],
+    /// For each lane, the bits of these that precede the field.
+    shift: [u32; LANES],
+    mask: u32,
+}
+
+static NARROW_FIELDS: [NarrowFields; NARROW as usize + 1] = {
+    const ZERO: u8 = 0x80;
+    const NONE: NarrowFields = NarrowFields {
+        shuffle: [ZERO; 64],
+        shift: [0; LANES],
+        mask: 0,
+    };
+    let mut all = [NONE; NARROW as usize + 1];
+    let mut width = 0;
+    while width <= NARROW as usize {
+        let mut lane = 0;
+        while lane < LANES {
+            let first = lane * width;
+            all[width].shuffle[4 * lane] = (first / 8) as u8;
+            // The last field may end with the last byte.
+            if first / 8 + 1 < 16 {
+                all[width].shuffle[4 * lane + 1] = (first / 8 + 1) as u8;
+            }
+            all[width].shift[lane] = (first % 8) as u32;
+            lane += 1;
+        }
+        all[width].mask = (1 << width) - 1;
         width += 1;
     }
     all

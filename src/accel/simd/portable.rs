@@ -1,6 +1,6 @@
 //! The sixteen lanes in plain Rust: what the others must agree with.
 
-use super::{FIELD_PADDING, FIELDS, LANES, Lanes};
+use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS};
 
 /// Needs nothing.
 #[derive(Clone, Copy)]
@@ -117,6 +117,16 @@ impl Lanes for Portable {
             let window =
                 u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
             *out = ((window >> (first % 8)) & fields.mask) as i32;
+        }
+        out
+    }
+    #[inline(always)]
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> Ints {
+        let fields = &NARROW_FIELDS[width as usize];
+        let all = u128::from_le_bytes(bytes[at..at + 16].try_into().expect("16 bytes"));
+        let mut out = [0; LANES];
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = ((all >> (i as u32 * width)) as u32 & fields.mask) as i32;
         }
         out
     }

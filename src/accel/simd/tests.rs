@@ -34,6 +34,11 @@ impl Body for All<'_> {
             lanes.bytes(bytes),
             lanes.to_floats(ints),
             lanes.floats(self.a[3]),
+            lanes.to_floats(lanes.narrow_fields(
+                self.bytes,
+                self.rows[0],
+                self.width % (NARROW + 1),
+            )),
         ];
         let mut out = vec![lanes.less(a, b), lanes.less_equal(a, b)];
         for values in floats {

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES, Lanes};
+use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES, Lanes, NARROW_FIELDS};
 
 /// Exists only while code for AVX2 runs.
 #[derive(Clone, Copy)]
@@ -151,6 +151,19 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> __m512i {
+        let fields = &NARROW_FIELDS[width as usize];
+        let bytes = &bytes[at..at + 16];
+        // SAFETY: the token says that the instructions are there; the 16 bytes are, and the tables have 64.
+        unsafe {
+            let all = _mm512_broadcast_i32x4(_mm_loadu_si128(bytes.as_ptr().cast()));
+            let shuffle = _mm512_loadu_si512(fields.shuffle.as_ptr().cast());
+            let shift = _mm512_loadu_si512(fields.shift.as_ptr().cast());
+            let here = _mm512_srlv_epi32(_mm512_shuffle_epi8(all, shuffle), shift);
+            _mm512_and_si512(here, _mm512_set1_epi32(fields.mask as i32))
+        }
+    }
+    #[inline(always)]
     fn next_in_row(self, a: __m512) -> __m512 {
         op!({
             let from = _mm512_setr_epi32(1, 2, 3, 4, 5, 6, 7, 7, 9, 10, 11, 12, 13, 14, 15, 15);
@@ -288,6 +301,27 @@ impl Lanes for Avx2 {
                 )
             };
             [take(low), take(high)]
+        }
+    }
+    #[inline(always)]
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> [__m256i; 2] {
+        let fields = &NARROW_FIELDS[width as usize];
+        let bytes = &bytes[at..at + 16];
+        let shuffle = fields.shuffle.as_ptr().cast::<__m256i>();
+        let shift = fields.shift.as_ptr().cast::<__m256i>();
+        // SAFETY: the token says that the instructions are there; the 16 bytes are, and the tables have twice 32.
+        unsafe {
+            let all = _mm256_broadcastsi128_si256(_mm_loadu_si128(bytes.as_ptr().cast()));
+            let mask = _mm256_set1_epi32(fields.mask as i32);
+            let low = _mm256_shuffle_epi8(all, _mm256_loadu_si256(shuffle));
+            let high = _mm256_shuffle_epi8(all, _mm256_loadu_si256(shuffle.add(1)));
+            [
+                _mm256_and_si256(_mm256_srlv_epi32(low, _mm256_loadu_si256(shift)), mask),
+                _mm256_and_si256(
+                    _mm256_srlv_epi32(high, _mm256_loadu_si256(shift.add(1))),
+                    mask,
+                ),
+            ]
         }
     }
     #[inline(always)]
