@@ -13,7 +13,7 @@
 //! fields of one axis hold the heights and those of the others little more than their roundings.
 
 use super::super::simd::{FIELD_PADDING, WIDEST};
-use super::lattice::Extent;
+use super::lattice::{Extent, REACH};
 
 /// Vertices along a block's side.
 pub(super) const SIDE: usize = 8;
@@ -142,16 +142,17 @@ impl Vertices {
     /// Adds the block to `data`, up to a multiple of [`UNIT`] bytes from its start.
     pub(super) fn write(&self, data: &mut Vec<u8>) {
         let start = data.len();
-        let slopes = [0, 1, 2].map(|k| self.slopes(k));
-        let mut rest = [[0_i32; SIDE * SIDE]; 3];
+        let mut slopes = [0, 1, 2].map(|k| self.slopes(k));
+        let mut rest = [0, 1, 2].map(|k| self.rest(k, &slopes[k]));
+        let mut ranges = rest.each_ref().map(|rest| self.range(rest));
         for k in 0..3 {
-            for (j, i) in self.places() {
-                let at = j * SIDE + i;
-                let plane = (slopes[k].du * i as i32 + slopes[k].dv * j as i32) >> SLOPE_POINT;
-                rest[k][at] = self.values[k][at] - plane;
+            // The values themselves always fit into a head's base.
+            if !is_base(ranges[k].0) || width(ranges[k].1 - ranges[k].0) > WIDEST {
+                slopes[k] = Slopes::rounded([0.0; 2]);
+                rest[k] = self.rest(k, &slopes[k]);
+                ranges[k] = self.range(&rest[k]);
             }
         }
-        let ranges = [0, 1, 2].map(|k| self.range(&rest[k]));
         let main = (0..3)
             .max_by_key(|&k| ranges[k].1 - ranges[k].0)
             .expect("three axes");
@@ -171,7 +172,7 @@ impl Vertices {
                     *value -= (s * height) >> SHEAR_POINT;
                 }
                 let (l, h) = self.range(&sheared);
-                if width(h - l) < width(high - low) {
+                if is_base(l) && width(h - l) < width(high - low) {
                     (low, high, shear) = (l, h, s);
                     rest[k] = sheared;
                 }
@@ -216,6 +217,16 @@ impl Vertices {
             .fold((i32::MAX, i32::MIN), |(low, high), v| {
                 (low.min(v), high.max(v))
             })
+    }
+
+    /// What a plane leaves of the values along an axis.
+    fn rest(&self, k: usize, slopes: &Slopes) -> [i32; SIDE * SIDE] {
+        let mut rest = self.values[k];
+        for (j, i) in self.places() {
+            let plane = (slopes.du * i as i32 + slopes.dv * j as i32) >> SLOPE_POINT;
+            rest[j * SIDE + i] -= plane;
+        }
+        rest
     }
 
     /// The plane of least squares along an axis, rounded.
@@ -280,6 +291,11 @@ impl Slopes {
             slopes.map(|slope| ((slope / scale).round().clamp(-MOST, MOST) as i32) << exponent);
         Self { du, dv, exponent }
     }
+}
+
+/// Whether a head can hold it as a base.
+fn is_base(value: i32) -> bool {
+    (-REACH..REACH).contains(&value)
 }
 
 /// Bits that hold 0 to `largest`.

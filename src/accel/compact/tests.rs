@@ -350,6 +350,8 @@ fn an_interval_is_open_and_both_sides_are_hit() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
     #[test]
     fn blocks_come_back(
         columns in 2..=SIDE,

@@ -157,6 +157,14 @@ struct Sheared {
     z: [[f32; LANES]; PAIRS],
 }
 
+impl Sheared {
+    /// Three values by the numbers of their vertices.
+    #[inline(always)]
+    fn corners(of: &[[f32; LANES]; PAIRS], corners: [usize; 3]) -> [f32; 3] {
+        corners.map(|c| of.as_flattened()[c])
+    }
+}
+
 impl<const MOVES: bool> Walk<'_, MOVES> {
     #[inline(always)]
     fn node(&self, level: usize, i: usize, j: usize, key: usize) -> &Node {
@@ -244,31 +252,33 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
         let passed = edges(lanes, &sheared, rows).map(|passed| passed & cells);
 
+        // Both kinds of triangles in one row of bits: what ends the loop is hard to foretell.
+        let mut passed = u128::from(passed[0]) | u128::from(passed[1]) << 64;
         let mut nearest: Option<Met> = None;
         let mut t_max = self.world.t_max;
-        for (second, mut passed) in [false, true].into_iter().zip(passed) {
-            while passed != 0 {
-                let cell = passed.trailing_zeros() as usize;
-                passed &= passed - 1;
-                let corners = if second {
-                    [cell + SIDE + 1, cell + SIDE, cell + 1]
-                } else {
-                    [cell, cell + 1, cell + SIDE]
-                };
-                let of = |all: &[[f32; LANES]; PAIRS]| corners.map(|c| all[c / LANES][c % LANES]);
-                let t = of(&sheared.z).map(|z| self.ray.s[2] * z);
-                let Some(hit) = origin_in(of(&sheared.x), of(&sheared.y), t) else {
-                    continue;
-                };
-                if hit.t > self.world.t_min && hit.t < t_max {
-                    t_max = hit.t;
-                    nearest = Some(Met {
-                        hit,
-                        column: CELLS * i + cell % SIDE,
-                        row: CELLS * j + cell / SIDE,
-                        second,
-                    });
-                }
+        while passed != 0 {
+            let bit = passed.trailing_zeros() as usize;
+            passed &= passed - 1;
+            let (second, cell) = (bit >= 64, bit % 64);
+            let corners = if second {
+                [cell + SIDE + 1, cell + SIDE, cell + 1]
+            } else {
+                [cell, cell + 1, cell + SIDE]
+            };
+            let t = Sheared::corners(&sheared.z, corners).map(|z| self.ray.s[2] * z);
+            let x = Sheared::corners(&sheared.x, corners);
+            let y = Sheared::corners(&sheared.y, corners);
+            let Some(hit) = origin_in(x, y, t) else {
+                continue;
+            };
+            if hit.t > self.world.t_min && hit.t < t_max {
+                t_max = hit.t;
+                nearest = Some(Met {
+                    hit,
+                    column: CELLS * i + cell % SIDE,
+                    row: CELLS * j + cell / SIDE,
+                    second,
+                });
             }
         }
         nearest
