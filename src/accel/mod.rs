@@ -1,5 +1,8 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
+mod compact;
+mod moment;
+mod simd;
 mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -8,6 +11,7 @@ mod trimmed;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
+pub use compact::{Accuracy, Compact, CompactOptions};
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

@@ -10,6 +10,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::moment::Moment;
 use super::triangle::{Sheared, TriangleHit};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
@@ -287,35 +288,4 @@ fn split(triangles: &mut [(u32, Vec3)], first: usize, nodes: &mut Vec<Node>) {
     split(left, first, nodes);
     nodes[node].first = nodes.len() as u32;
     split(right, first + middle, nodes);
-}
-
-/// A time between two motion keys.
-struct Moment {
-    from: usize,
-    to: usize,
-    weights: [f32; 2],
-}
-
-impl Moment {
-    fn new(keys: u32, time: f32) -> Self {
-        let last = keys as usize - 1;
-        let at = time.clamp(0.0, 1.0) * last as f32;
-        let from = (at as usize).min(last.saturating_sub(1));
-        let fraction = at - from as f32;
-        Self {
-            from,
-            to: (from + 1).min(last),
-            weights: [1.0 - fraction, fraction],
-        }
-    }
-
-    /// Each rounding of this grows with `a` and with `b`: between boxes lies a box that holds what lies between their
-    /// contents.
-    fn between(&self, a: Vec3, b: Vec3) -> Vec3 {
-        if self.from == self.to {
-            a
-        } else {
-            self.weights[0] * a + self.weights[1] * b
-        }
-    }
 }

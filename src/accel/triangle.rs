@@ -60,35 +60,13 @@ impl Sheared {
         let [a, b, c] = corners.map(|p| p - self.origin);
         let x = |p: Vec3| p[kx] - sx * p[kz];
         let y = |p: Vec3| p[ky] - sy * p[kz];
-        let (ax, ay, bx, by, cx, cy) = (x(a), y(a), x(b), y(b), x(c), y(c));
-
-        // Edge functions, the paper's U, V, W.
-        let mut u = cx * by - cy * bx;
-        let mut v = ax * cy - ay * cx;
-        let mut w = bx * ay - by * ax;
-        if u == 0.0 || v == 0.0 || w == 0.0 {
-            let exact = |a: f32, b: f32, c: f32, d: f32| {
-                (f64::from(a) * f64::from(b) - f64::from(c) * f64::from(d)) as f32
-            };
-            u = exact(cx, by, cy, bx);
-            v = exact(ax, cy, ay, cx);
-            w = exact(bx, ay, by, ax);
-        }
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-            return None;
-        }
-        let det = u + v + w;
-        if det == 0.0 {
-            return None;
-        }
-        let scaled = u * (sz * a[kz]) + v * (sz * b[kz]) + w * (sz * c[kz]);
-        let t = scaled / det;
+        let hit = origin_in(
+            [x(a), x(b), x(c)],
+            [y(a), y(b), y(c)],
+            [a[kz], b[kz], c[kz]].map(|z| sz * z),
+        )?;
         // Also false for what is not a number.
-        (t > t_min && t < t_max).then(|| TriangleHit {
-            t,
-            u: v / det,
-            v: w / det,
-        })
+        (hit.t > t_min && hit.t < t_max).then_some(hit)
     }
 
     /// Where the ray enters a box, if it meets it between `t_min` and `t_max`. Never misses a box that holds a
@@ -111,4 +89,37 @@ impl Sheared {
         }
         (near <= far).then_some(near)
     }
+}
+
+/// The test in the plane: whether the origin is in the triangle of corners at `x` and `y`, and the mean of `t` there.
+pub(super) fn origin_in(
+    [ax, bx, cx]: [f32; 3],
+    [ay, by, cy]: [f32; 3],
+    t: [f32; 3],
+) -> Option<TriangleHit> {
+    // Edge functions, the paper's U, V, W.
+    let mut u = cx * by - cy * bx;
+    let mut v = ax * cy - ay * cx;
+    let mut w = bx * ay - by * ax;
+    if u == 0.0 || v == 0.0 || w == 0.0 {
+        let exact = |a: f32, b: f32, c: f32, d: f32| {
+            (f64::from(a) * f64::from(b) - f64::from(c) * f64::from(d)) as f32
+        };
+        u = exact(cx, by, cy, bx);
+        v = exact(ax, cy, ay, cx);
+        w = exact(bx, ay, by, ax);
+    }
+    if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
+        return None;
+    }
+    let det = u + v + w;
+    if det == 0.0 {
+        return None;
+    }
+    let scaled = u * t[0] + v * t[1] + w * t[2];
+    Some(TriangleHit {
+        t: scaled / det,
+        u: v / det,
+        v: w / det,
+    })
 }

@@ -14,6 +14,7 @@
 //!   a --- b
 //! ```
 
+use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -300,22 +301,48 @@ impl Surface {
         scratch: &mut Scratch,
         out: &mut [Vec3],
     ) {
+        self.dice_rows(grid, 0..=grid.size[1], key, shared, scratch, out);
+    }
+
+    /// Dices some rows of a face's vertices, as [`dice_face`](Self::dice_face) does with all of them.
+    ///
+    /// # Panics
+    /// If the grid has not these rows, or `out` has not as many vertices as they.
+    pub fn dice_rows(
+        &self,
+        grid: &FaceGrid,
+        rows: RangeInclusive<u16>,
+        key: u32,
+        shared: &SharedSamples,
+        scratch: &mut Scratch,
+        out: &mut [Vec3],
+    ) {
         let [nu, nv] = grid.size;
+        let (first, last) = (*rows.start(), *rows.end());
         let stride = usize::from(nu) + 1;
-        assert_eq!(out.len(), stride * (usize::from(nv) + 1), "{grid:?}");
+        assert!(last <= nv, "rows {rows:?} of {grid:?}");
+        assert_eq!(
+            out.len(),
+            stride * (usize::from(last - first) + 1),
+            "{grid:?}"
+        );
 
         // Within the face.
-        let inner = |params: &mut Vec<f32>, n: u16| {
-            params.clear();
-            params.extend((1..n).map(|i| f32::from(i) / f32::from(n)));
-        };
-        inner(&mut scratch.us, nu);
-        inner(&mut scratch.vs, nv);
-        self.displaced_grid(grid.face, key, scratch, stride, &mut out[stride + 1..]);
+        let inner = first.max(1)..(last + 1).min(nv);
+        scratch.us.clear();
+        scratch
+            .us
+            .extend((1..nu).map(|i| f32::from(i) / f32::from(nu)));
+        scratch.vs.clear();
+        scratch
+            .vs
+            .extend(inner.clone().map(|j| f32::from(j) / f32::from(nv)));
+        if !inner.is_empty() {
+            let start = stride * usize::from(inner.start - first) + 1;
+            self.displaced_grid(grid.face, key, scratch, stride, &mut out[start..]);
+        }
 
         // Along its edges, each from its first corner to the one before its last.
-        let last_row = stride * usize::from(nv);
-        let right = usize::from(nu);
         for k in 0..4_u32 {
             let used = self.base().edge(grid.face, k);
             let samples = shared.edge(used.edge);
@@ -324,6 +351,15 @@ impl Surface {
             let n = if k % 2 == 0 { nu } else { nv };
             let segments = grid.segments[k as usize];
             for x in 0..n {
+                let (column, row) = match k {
+                    0 => (x, 0),
+                    1 => (nu, x),
+                    2 => (nu - x, nv),
+                    _ => (0, nv - x),
+                };
+                if !rows.contains(&row) {
+                    continue;
+                }
                 let sample = snapped(x, n, segments);
                 let point = if sample == 0 {
                     from
@@ -334,14 +370,7 @@ impl Surface {
                 } else {
                     samples[usize::from(sample - 1)]
                 };
-                let x = usize::from(x);
-                let place = match k {
-                    0 => x,
-                    1 => right + stride * x,
-                    2 => last_row + right - x,
-                    _ => last_row - stride * x,
-                };
-                out[place] = point;
+                out[stride * usize::from(row - first) + usize::from(column)] = point;
             }
         }
         debug_assert!(

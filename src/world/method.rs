@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::accel::{Intersector, Tessellated, Trimmed};
+use crate::accel::{Compact, CompactOptions, Intersector, Tessellated, Trimmed};
 use crate::error::Result;
 use crate::math::Vec2;
 use crate::surface::{Diced, Grids, Rates, Surface};
@@ -20,6 +20,8 @@ pub enum Method {
     EmbreeGrid,
     /// Our micro-triangles in a plain tree of our own.
     Tessellated,
+    /// Our micro-triangles quantised, in trees without pointers.
+    Compact,
 }
 
 /// A surface built for a method.
@@ -44,11 +46,12 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 4] = [
+    pub const ALL: [Self; 5] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
         Self::Tessellated,
+        Self::Compact,
     ];
 
     /// Its name on the command line and in reports.
@@ -58,6 +61,7 @@ impl Method {
             Self::EmbreeTriangles => "embree-triangles",
             Self::EmbreeGrid => "embree-grid",
             Self::Tessellated => "tessellated",
+            Self::Compact => "compact",
         }
     }
 
@@ -70,6 +74,7 @@ impl Method {
             }
             Self::EmbreeGrid => "micro-triangles as Embree's grids",
             Self::Tessellated => "micro-triangles in a plain tree of our own: slow",
+            Self::Compact => "micro-triangles at about a byte each, in trees of our own",
         }
     }
 
@@ -81,6 +86,7 @@ impl Method {
             Self::EmbreeTriangles => 135,
             Self::EmbreeGrid => 32,
             Self::Tessellated => 50,
+            Self::Compact => 3,
         }
     }
 
@@ -95,20 +101,28 @@ impl Method {
         rates: &Rates,
         device: &Device,
     ) -> Result<TracedSurface> {
-        let diced = Arc::new(Diced::new(surface, rates));
-        let grids = diced.shared_grids().clone();
+        let diced = || Arc::new(Diced::new(surface, rates));
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {
+                let diced = diced();
+                let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_triangles(device, &diced)?;
                 (geometry, HitPlaces::Triangles(grids), bytes)
             }
             Self::EmbreeGrid => {
+                let diced = diced();
+                let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_grids(device, &diced)?;
                 (geometry, HitPlaces::Grids(grids), bytes)
             }
-            Self::Tessellated => of_hit(Tessellated::build(diced), surface, device)?,
+            Self::Tessellated => of_hit(Tessellated::build(diced()), surface, device)?,
+            Self::Compact => {
+                // It dices by itself, a few rows at a time.
+                let tree = Compact::build(surface, rates, &CompactOptions::default(), &|_| true)?;
+                of_hit(tree, surface, device)?
+            }
         };
         let geometry = places.trimmed(geometry, surface);
         Ok(TracedSurface {

@@ -51,7 +51,7 @@ pub(crate) fn escapes<T>(
         let mut random = Random(7);
         let mut escaped = [0, 0];
         for i in 0..each {
-            if !met(&traced, &ray(case, i, &mut random)) {
+            if !met(&traced, &ray(&case.diced, case.inside, i, &mut random)) {
                 escaped[usize::from(!aims_at_vertex(i))] += 1;
             }
         }
@@ -97,10 +97,8 @@ fn aims_at_vertex(i: usize) -> bool {
     i.is_multiple_of(4)
 }
 
-/// The `i`th ray.
-fn ray(case: &Case, i: usize, random: &mut Random) -> Ray {
-    let Case { diced, inside, .. } = case;
-    let inside = *inside;
+/// The `i`th ray from `inside` of a closed surface.
+pub(crate) fn ray(diced: &Diced, inside: Vec3, i: usize, random: &mut Random) -> Ray {
     let positions = &diced.positions()[0];
     let any = |random: &mut Random| {
         let at = random.next() * positions.len() as f32;

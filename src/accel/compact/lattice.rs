@@ -1,0 +1,154 @@
+//! The lattice of an object, and rays within it.
+//!
+//! All micro-vertices of an object, at all motion keys, lie on one lattice of cubes: whatever two faces or two blocks
+//! share they round to the same three integers, so that no crack can open between them, wherever the bits are stored.
+//! Coordinates stay below 2^23, and single precision holds them exactly.
+
+use crate::math::{Bounds3, DVec3, Ray, Vec3};
+
+/// Coordinates are less than this, either way.
+pub(super) const REACH: i32 = 1 << 23;
+
+/// Vertices of an object as integers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Lattice {
+    /// Where the integers are zero, in the object's space.
+    pub(super) anchor: Vec3,
+    /// The length of one, above 0.
+    pub(super) step: f32,
+}
+
+/// A box of lattice points, both corners included; empty where `min` exceeds `max`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Extent {
+    pub(super) min: [i32; 3],
+    pub(super) max: [i32; 3],
+}
+
+impl Extent {
+    pub(super) const EMPTY: Self = Self {
+        min: [i32::MAX; 3],
+        max: [i32::MIN; 3],
+    };
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.min[0] > self.max[0]
+    }
+
+    #[must_use]
+    pub(super) fn including(self, p: [i32; 3]) -> Self {
+        self.union(Self { min: p, max: p })
+    }
+
+    #[must_use]
+    pub(super) fn union(self, other: Self) -> Self {
+        let pick = |a: [i32; 3], b: [i32; 3], f: fn(i32, i32) -> i32| {
+            [f(a[0], b[0]), f(a[1], b[1]), f(a[2], b[2])]
+        };
+        Self {
+            min: pick(self.min, other.min, i32::min),
+            max: pick(self.max, other.max, i32::max),
+        }
+    }
+}
+
+impl Lattice {
+    /// The nearest point of the lattice; none if it is beyond [`REACH`].
+    pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
+        let at = ((p.as_dvec3() - self.anchor.as_dvec3()) / f64::from(self.step)).round();
+        (at.abs().max_element() < f64::from(REACH)).then_some([
+            at.x as i32,
+            at.y as i32,
+            at.z as i32,
+        ])
+    }
+
+    /// Where a point of the lattice is in the object's space.
+    pub(super) fn position(&self, p: [i32; 3]) -> DVec3 {
+        let [x, y, z] = p.map(f64::from);
+        self.anchor.as_dvec3() + f64::from(self.step) * DVec3::new(x, y, z)
+    }
+
+    /// The box in the object's space, larger by two steps and some roundings: a ray that comes from a hundred
+    /// diagonals away moves that much when it is rounded into the lattice.
+    pub(super) fn bounds(&self, extent: &Extent) -> Bounds3 {
+        if extent.is_empty() {
+            return Bounds3::EMPTY;
+        }
+        let slack = |p: DVec3| 2.0 * f64::from(self.step) + f64::from(f32::EPSILON) * p.abs();
+        let (min, max) = (self.position(extent.min), self.position(extent.max));
+        Bounds3 {
+            min: (min - slack(min)).as_vec3(),
+            max: (max + slack(max)).as_vec3(),
+        }
+    }
+}
+
+/// A ray in lattice coordinates, made ready for boxes and for the triangle test of [`triangle`](crate::accel::triangle).
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LatticeRay {
+    pub(super) origin: [f32; 3],
+    /// Axes: `k[2]` is the largest of the direction, the others follow so that handedness is kept.
+    pub(super) k: [usize; 3],
+    /// Shear along the first two, and scale along the third, which leads to the ray's own `t`.
+    pub(super) s: [f32; 3],
+    /// One by the direction, whose smallest components are replaced by such as have an inverse.
+    pub(super) inverse: [f32; 3],
+    /// What rounding may move a box's plane or a triangle, in steps.
+    pub(super) slack: f32,
+    /// The interval that is asked about, rounded outward.
+    pub(super) t_min: f32,
+    pub(super) t_max: f32,
+    /// The ray's own `t` for a `t` of 1 here.
+    t_scale: f32,
+}
+
+impl LatticeRay {
+    /// `reach` is the largest coordinate of what the ray may meet.
+    #[inline(always)]
+    pub(super) fn new(lattice: &Lattice, ray: &Ray, reach: f32) -> Self {
+        let origin = ((ray.origin - lattice.anchor) * (1.0 / lattice.step)).to_array();
+        // The largest component of the direction is brought to 1..2, by a power of two that `t` can bear.
+        let d = ray.direction.to_array();
+        let size = d[0].abs().max(d[1].abs()).max(d[2].abs());
+        let exponent = ((size.to_bits() >> 23) as i32 - 127).clamp(-126, 126);
+        let power = |e: i32| f32::from_bits(((127 + e) as u32) << 23);
+        let (shrink, t_scale) = (power(-exponent), lattice.step * power(-exponent));
+        let d = d.map(|d| d * shrink);
+        let kz = usize::from(d[1].abs() > d[0].abs());
+        let kz = if d[2].abs() > d[kz].abs() { 2 } else { kz };
+        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
+        if d[kz] < 0.0 {
+            (kx, ky) = (ky, kx);
+        }
+        const LEAST: f32 = 1.0 / (1_u64 << 40) as f32;
+        let inverse = d.map(|d| {
+            if d.abs() < LEAST {
+                (1.0 / LEAST).copysign(d)
+            } else {
+                1.0 / d
+            }
+        });
+        let far = origin[0].abs().max(origin[1].abs()).max(origin[2].abs());
+        // A plane's distance takes a subtraction, two products and a sum; a vertex is translated and sheared: each
+        // moves by less than 8 roundings of the sizes involved.
+        let slack = 16.0 * f32::EPSILON * (far + reach);
+        Self {
+            origin,
+            k: [kx, ky, kz],
+            // The third one gives the ray's own t.
+            s: [d[kx] / d[kz], d[ky] / d[kz], t_scale / d[kz]],
+            inverse,
+            slack,
+            t_min: ray.t_min / t_scale * (1.0 - 2.0 * f32::EPSILON),
+            t_max: ray.t_max / t_scale * (1.0 + 2.0 * f32::EPSILON),
+            t_scale,
+        }
+    }
+
+    /// Ends the interval at the ray's own `t`.
+    #[inline(always)]
+    pub(super) fn end(&mut self, t: f32) {
+        self.t_max = t / self.t_scale * (1.0 + 2.0 * f32::EPSILON);
+    }
+}

@@ -1,0 +1,412 @@
+//! The compressed surface against its own triangles one by one, against its dicing, and against rays that must not
+//! escape; its encoding against random grids.
+
+use std::sync::Arc;
+
+use proptest::prelude::*;
+use rayon::prelude::*;
+
+use super::block::{PADDING, SIDE, Vertices};
+use super::lattice::LatticeRay;
+use super::*;
+use crate::accel::tests::random_ray;
+use crate::accel::triangle::origin_in;
+use crate::math::Vec3;
+use crate::surface::tests::shapes::{Patches, Random};
+use crate::surface::tests::{closed, displacements, effort, leaks, mixed, surface};
+use crate::surface::{Diced, Displacement, Rates, Surface};
+
+fn compact(surface: &Surface, rates: &Rates, options: CompactOptions) -> Compact {
+    Compact::build(surface, rates, &options, &|_| true).expect("nobody stops it")
+}
+
+fn usual(surface: &Surface) -> Compact {
+    compact(surface, &mixed(surface), CompactOptions::default())
+}
+
+impl Compact {
+    /// A vertex of a face on the lattice.
+    fn vertex(&self, face: &Face, i: usize, j: usize, key: usize) -> [i32; 3] {
+        let [nu, nv] = face.size.map(usize::from);
+        // The last vertices belong to the last blocks.
+        let block = [i.min(nu - 1) / CELLS, j.min(nv - 1) / CELLS];
+        let head = self.head(face, self.shape(face), block, key);
+        head.vertex(&self.data, i - CELLS * block[0], j - CELLS * block[1])
+    }
+
+    fn first_hit(&self, ray: &Ray) -> Option<(u32, Hit)> {
+        (0..self.primitives())
+            .filter_map(|p| Some((p, self.intersect(p, ray)?)))
+            .min_by(|a, b| a.1.t.total_cmp(&b.1.t))
+    }
+
+    /// The nearest `t` on a face, triangle by triangle, in the arithmetic of the traversal.
+    fn one_by_one(&self, face: &Face, ray: &Ray) -> Option<f32> {
+        let on_lattice = LatticeRay::new(&self.lattice, ray, self.reach);
+        let LatticeRay { origin, k, s, .. } = on_lattice;
+        let moment = Moment::new(self.keys, ray.time);
+        let [nu, nv] = face.size.map(usize::from);
+        let vertices: Vec<[f32; 3]> = (0..=nv)
+            .flat_map(|j| (0..=nu).map(move |i| (i, j)))
+            .map(|(i, j)| {
+                let at = |key| Vec3::from(self.vertex(face, i, j, key).map(|x| x as f32));
+                let p = moment.between(at(moment.from), at(moment.to)).to_array();
+                let [x, y, z] = k.map(|k| p[k] - origin[k]);
+                [x - s[0] * z, y - s[1] * z, s[2] * z]
+            })
+            .collect();
+        let mut nearest = ray.t_max;
+        for (i, j) in (0..nv).flat_map(|j| (0..nu).map(move |i| (i, j))) {
+            let at = |i, j| vertices[j * (nu + 1) + i];
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
+            for corners in [[a, b, c], [d, c, b]] {
+                let of = |k: usize| corners.map(|corner| corner[k]);
+                if let Some(hit) = origin_in(of(0), of(1), of(2))
+                    && hit.t > ray.t_min
+                    && hit.t < nearest
+                {
+                    nearest = hit.t;
+                }
+            }
+        }
+        (nearest < ray.t_max).then_some(nearest)
+    }
+}
+
+#[test]
+fn every_instruction_set_hits_what_single_triangles_do() {
+    for (shape, base) in closed() {
+        for (kind, displacement) in displacements(0.15) {
+            for moves in [false, true] {
+                let base = base.clone();
+                let base = if moves {
+                    base.moving(|p| p + 0.3 * Vec3::X)
+                } else {
+                    base
+                };
+                let mut tree = usual(&surface(base, displacement.clone()));
+                let mut random = Random(3);
+                let mut hits = 0;
+                for _ in 0..30 {
+                    let ray = random_ray(&mut random);
+                    for p in 0..tree.primitives() {
+                        let expected = tree.one_by_one(&tree.faces[p as usize], &ray);
+                        hits += usize::from(expected.is_some());
+                        for isa in Isa::all() {
+                            tree.isa = isa;
+                            let got = tree.intersect(p, &ray);
+                            assert_eq!(got.map(|hit| hit.t), expected, "{shape} {kind} {isa:?}");
+                            assert_eq!(tree.occluded(p, &ray), expected.is_some());
+                            if let Some(hit) = got {
+                                assert!(hit.error < 1e-5 && hit.normal.is_finite(), "{hit:?}");
+                                assert_eq!(hit.face, tree.faces[p as usize].face);
+                                let box_ = tree.bounds(p, 0).union(tree.bounds(p, tree.keys - 1));
+                                let at = ray.at(hit.t);
+                                assert_eq!(box_, box_.including(at), "{shape} {kind}");
+                            }
+                        }
+                    }
+                }
+                assert!(hits > 10, "{shape} {kind}: {hits}");
+            }
+        }
+    }
+}
+
+#[test]
+fn hits_are_those_of_the_plain_tree_but_for_the_error() {
+    for (shape, base) in closed() {
+        for (kind, displacement) in displacements(0.1) {
+            let surface = surface(base.clone(), displacement);
+            let rates = mixed(&surface);
+            let plain = crate::accel::Tessellated::build(Arc::new(Diced::new(&surface, &rates)));
+            let options = CompactOptions {
+                max_error: Some(1e-5),
+            };
+            let tree = compact(&surface, &rates, options);
+            let mut random = Random(5);
+            let (mut near, mut all) = (0, 0);
+            for _ in 0..300 {
+                let ray = random_ray(&mut random);
+                let (Some(a), Some((_, b))) = (plain.intersect(0, &ray), tree.first_hit(&ray))
+                else {
+                    continue;
+                };
+                let cos = a.normal.normalize().dot(ray.direction.normalize()).abs();
+                let off = ray.at(a.t).distance(ray.at(b.t)) * cos;
+                all += 1;
+                near += usize::from(a.face == b.face && a.uv.distance(b.uv) < 1e-2 && off < 1e-4);
+            }
+            // Silhouettes and edges of faces may fall to either side.
+            assert!(near * 50 >= all * 49, "{shape} {kind}: {near} of {all}");
+        }
+    }
+}
+
+#[test]
+fn vertices_are_as_near_to_the_dicing_as_promised() {
+    for (shape, base) in closed() {
+        for (kind, displacement) in displacements(0.2) {
+            let surface = surface(base.clone().moving(|p| 1.5 * p), displacement);
+            let rates = mixed(&surface);
+            let diced = Diced::new(&surface, &rates);
+            for max_error in [1e-3, 3e-6] {
+                let options = CompactOptions {
+                    max_error: Some(max_error),
+                };
+                let tree = compact(&surface, &rates, options);
+                let (mut largest, mut sum, mut count) = (0.0_f64, 0.0, 0);
+                for (face, grid) in tree.faces.iter().zip(diced.grids()) {
+                    let [nu, nv] = grid.size;
+                    for (i, j) in (0..=nv).flat_map(|j| (0..=nu).map(move |i| (i, j))) {
+                        for key in 0..2 {
+                            let p = diced.positions()[key][grid.vertex(i, j) as usize];
+                            let q = tree.vertex(face, i.into(), j.into(), key);
+                            let off = tree.lattice.position(q).distance(p.as_dvec3());
+                            largest = largest.max(off);
+                            sum += off * off;
+                            count += 1;
+                        }
+                    }
+                }
+                let bound = f64::from(max_error) * 1.000_001;
+                assert!(largest <= bound, "{shape} {kind}: {largest} {max_error}");
+                let Accuracy { max, rms } = tree.accuracy();
+                assert!((max - largest).abs() < 1e-3 * max, "{max} {largest}");
+                let mean = (sum / f64::from(count)).sqrt();
+                assert!((rms - mean).abs() < 0.2 * rms, "{rms} {mean}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_box_encloses_what_is_below_it() {
+    fn walk(tree: &Compact, face: &Face, shape: &Shape, at: [usize; 3], key: usize) -> Extent {
+        let [level, i, j] = at;
+        if level == 0 {
+            let [nu, nv] = face.size.map(usize::from);
+            let vertices = (CELLS * j..=(CELLS * (j + 1)).min(nv))
+                .flat_map(|y| (CELLS * i..=(CELLS * (i + 1)).min(nu)).map(move |x| (x, y)));
+            let head = tree.head(face, shape, [i, j], key);
+            return vertices.fold(Extent::EMPTY, |all, (x, y)| {
+                all.including(head.vertex(&tree.data, x - CELLS * i, y - CELLS * j))
+            });
+        }
+        let number = shape.node(level, i, j) + key * shape.nodes();
+        let node = &tree.nodes[face.root as usize + number];
+        let [columns, rows] = shape.fan(level, i, j);
+        let mut all = Extent::EMPTY;
+        for (cj, ci) in (0..rows).flat_map(|cj| (0..columns).map(move |ci| (cj, ci))) {
+            let below = [level - 1, FAN * i + ci, FAN * j + cj];
+            let content = walk(tree, face, shape, below, key);
+            let child = node.child(FAN * cj + ci);
+            assert_eq!(child, child.union(content), "{face:?} {at:?}");
+            all = all.union(content);
+        }
+        all
+    }
+    for (shape, base) in closed() {
+        for (kind, displacement) in displacements(0.2) {
+            let tree = usual(&surface(base.clone().moving(|p| 1.5 * p), displacement));
+            for (p, face) in (0..).zip(&tree.faces) {
+                let all = tree.shape(face);
+                for key in 0..2 {
+                    let content = walk(&tree, face, all, [all.levels(), 0, 0], key);
+                    let bounds = tree.bounds(p, key as u32);
+                    for corner in [content.min, content.max] {
+                        let at = tree.lattice.position(corner).as_vec3();
+                        assert_eq!(bounds, bounds.including(at), "{shape} {kind}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// A hundred thousand rays (times `RELIEVO_EFFORT`) from inside of closed, creased, displaced shapes of mixed rates,
+/// near the origin and far from it, still and moving. None escapes.
+#[test]
+fn no_ray_escapes() {
+    let mut cases = Vec::new();
+    for (shape, base) in closed() {
+        // Rays start in the middle of the solid: of the tube, for a torus.
+        let centre = if shape.contains("torus") {
+            Vec3::X
+        } else {
+            Vec3::ZERO
+        };
+        for (kind, displacement) in displacements(0.05) {
+            for offset in [0.0, 2e5] {
+                for moves in [false, true] {
+                    let scale = if offset > 0.0 { 40.0 } else { 1.0 };
+                    let moved = base.clone().mapped(|p| scale * p + offset);
+                    let moved = if moves {
+                        moved.moving(|p| p + 0.05 * scale * Vec3::Y)
+                    } else {
+                        moved
+                    };
+                    let surface = surface(moved, displacement.clone());
+                    let case = (surface, scale * centre + offset);
+                    cases.push((format!("{shape}, {kind}, at {offset}, {moves}"), case));
+                }
+            }
+        }
+    }
+    let each = effort(100_000).div_ceil(cases.len());
+    let escaped: usize = cases
+        .par_iter()
+        .map(|(name, (surface, inside))| {
+            let rates = mixed(surface);
+            let (tree, diced) = (usual(surface), Diced::new(surface, &rates));
+            let mut random = Random(7);
+            let escaped = (0..each)
+                .filter(|&i| {
+                    let mut ray = leaks::ray(&diced, *inside, i, &mut random);
+                    ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
+                    !(0..tree.primitives()).any(|p| tree.occluded(p, &ray))
+                })
+                .count();
+            if escaped > 0 {
+                println!("{name}: {escaped} of {each} rays escaped");
+            }
+            escaped
+        })
+        .sum();
+    assert_eq!(escaped, 0, "of {} rays", each * cases.len());
+}
+
+#[test]
+fn bytes_do_not_depend_on_threads() {
+    let surface = surface(Patches::torus(5, 3), displacements(0.1).remove(2).1);
+    let rates = Rates::by_edge(&surface, |edge| 20 + 13 * (edge % 5));
+    let built = [1, 3].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()
+            .expect("threads");
+        pool.install(|| compact(&surface, &rates, CompactOptions::default()))
+    });
+    assert_eq!(built[0].data, built[1].data);
+    assert_eq!(built[0].nodes, built[1].nodes);
+    assert_eq!(built[0].accuracy, built[1].accuracy);
+}
+
+#[test]
+fn what_is_displaced_beyond_the_lattice_gets_a_coarser_one() {
+    // Only within faces: the lattice is chosen by what they share.
+    let far =
+        crate::surface::Function::scalar(|at| if at.uv == Vec2::splat(0.5) { 1e7 } else { 0.0 });
+    let amount = crate::surface::tests::amount(far, 1.0);
+    let surface = surface(Patches::cube(), Displacement::Scalar(amount));
+    let tree = compact(
+        &surface,
+        &Rates::uniform(&surface, 8),
+        CompactOptions::default(),
+    );
+    assert!(tree.accuracy().max < 100.0, "{:?}", tree.accuracy());
+    assert!(tree.bounds(0, 0).extent().max_element() > 9e6);
+}
+
+#[test]
+fn a_build_can_be_stopped() {
+    let surface = surface(Patches::cube(), Displacement::None);
+    let rates = Rates::uniform(&surface, 8);
+    let stopped = Compact::build(&surface, &rates, &CompactOptions::default(), &|_| false);
+    assert!(matches!(stopped, Err(crate::Error::Interrupted)));
+}
+
+#[test]
+fn an_interval_is_open_and_both_sides_are_hit() {
+    let surface = surface(Patches::cube(), Displacement::None);
+    let tree = compact(
+        &surface,
+        &Rates::uniform(&surface, 16),
+        CompactOptions::default(),
+    );
+    let ray = Ray::new(Vec3::new(0.1, 0.2, 3.0), -Vec3::Z, 0.0);
+    let (_, first) = tree.first_hit(&ray).expect("a hit");
+    assert!((first.t - 2.0).abs() < 1e-4 && first.face == 0, "{first:?}");
+    assert!(first.normal.z > 0.0 && (first.uv - Vec2::new(0.55, 0.6)).length() < 1e-3);
+    let beyond = Ray {
+        t_min: first.t,
+        ..ray
+    };
+    let (_, second) = tree.first_hit(&beyond).expect("the other side");
+    assert!((second.t - 4.0).abs() < 1e-4, "{second:?}");
+    let before = Ray {
+        t_max: first.t,
+        ..ray
+    };
+    assert!(tree.first_hit(&before).is_none());
+    // However long the direction is.
+    for scale in [1e-20, 1e-6, 1e6, 1e20] {
+        let scaled = Ray::new(ray.origin, scale * ray.direction, 0.0);
+        let (_, hit) = tree.first_hit(&scaled).expect("a hit");
+        assert!((hit.t * scale - first.t).abs() < 1e-5, "{scale}: {hit:?}");
+    }
+    let empty = self::surface(Patches::empty(), Displacement::None);
+    assert_eq!(usual(&empty).primitives(), 0);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2000))]
+
+    #[test]
+    fn blocks_come_back(
+        columns in 2..=SIDE,
+        rows in 2..=SIDE,
+        size in 0_u32..24,
+        slope in -50_000_i32..50_000,
+        seed: u64,
+    ) {
+        let mut random = Random(seed);
+        let most = (1_i64 << size) - 1;
+        let mut value = |i: usize, j: usize| {
+            let noise = (f64::from(random.next()) * 2.0 * most as f64) as i64 - most;
+            let plane = i64::from(slope) * (i as i64 - j as i64) / 2;
+            (noise + plane).clamp(1 - (1 << 23), (1 << 23) - 1) as i32
+        };
+        let mut block = Vertices { columns, rows, values: [[0; SIDE * SIDE]; 3] };
+        for k in 0..3 {
+            for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
+                // Sometimes one axis follows another.
+                block.values[k][j * SIDE + i] = if k == 1 && seed.is_multiple_of(2) {
+                    block.values[0][j * SIDE + i] / 3
+                } else {
+                    value(i, j)
+                };
+            }
+        }
+        let mut data = vec![7; 4];
+        block.write(&mut data);
+        data.resize(data.len() + PADDING, 0);
+        let head = Head::read(&data, 4, [columns, rows]);
+        for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
+            let expected = [0, 1, 2].map(|k| block.values[k][j * SIDE + i]);
+            prop_assert_eq!(head.vertex(&data, i, j), expected);
+        }
+    }
+
+    #[test]
+    fn nodes_enclose_their_children(size in 0_u32..23, there: u16, seed: u64) {
+        let mut random = Random(seed);
+        let most = f64::from((1_i32 << size) - 1);
+        let mut corner = || [(); 3].map(|()| (f64::from(random.next() - 0.5) * 2.0 * most) as i32);
+        let mut children = [Extent::EMPTY; 16];
+        for (c, child) in children.iter_mut().enumerate() {
+            if there >> c & 1 == 1 {
+                *child = child.including(corner()).including(corner());
+            }
+        }
+        let sizes = std::array::from_fn(|c| c as u8);
+        let node = Node::new(&children, 100, sizes);
+        for (c, child) in children.iter().enumerate() {
+            prop_assert_eq!(node.block(c), 4 * (100 + c * c.saturating_sub(1) / 2));
+            if !child.is_empty() {
+                let decoded = node.child(c);
+                prop_assert_eq!(decoded, decoded.union(*child));
+            }
+        }
+    }
+}

@@ -1,0 +1,460 @@
+//! One ray through one face's tree: the body that each instruction set gets compiled.
+//!
+//! Signs of edge functions are exact but for zeros: products round monotonely, so a difference of two rounded ones is
+//! never of the wrong sign. A zero counts for both sides at first; what passes so is decided by
+//! [`origin_in`](crate::accel::triangle::origin_in), corner by corner. Two triangles at an edge see the same products of
+//! the same vertices, in one block or in two.
+
+use super::block::{Axis, CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
+use super::lattice::LatticeRay;
+use super::tree::{FAN, Node, Shape};
+use super::{Compact, Face};
+use crate::accel::moment::Moment;
+use crate::accel::simd::{Body, LANES, Lanes, NARROW};
+use crate::accel::triangle::{TriangleHit, origin_in};
+use crate::math::Ray;
+
+/// Where a ray met a face.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Met {
+    pub(super) hit: TriangleHit,
+    /// The quad, and whether it is its second triangle.
+    pub(super) column: usize,
+    pub(super) row: usize,
+    pub(super) second: bool,
+}
+
+impl Compact {
+    /// The nearest triangle of a face, or `ANY` one.
+    #[inline]
+    pub(super) fn trace<const ANY: bool>(&self, face: &Face, ray: &Ray) -> Option<Met> {
+        if self.keys == 1 {
+            self.isa.run(Trace::<ANY, false> {
+                compact: self,
+                face,
+                ray,
+            })
+        } else {
+            self.isa.run(Trace::<ANY, true> {
+                compact: self,
+                face,
+                ray,
+            })
+        }
+    }
+}
+
+struct Trace<'a, const ANY: bool, const MOVES: bool> {
+    compact: &'a Compact,
+    face: &'a Face,
+    ray: &'a Ray,
+}
+
+/// What waits to be visited: each of the five levels leaves fifteen of its children behind.
+const MOST_WAITING: usize = 5 * 15 + 1;
+
+/// An entry of the stack: where the ray enters, above the place; so that integers compare as distances do.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+struct Waiting(u64);
+
+impl Waiting {
+    #[inline(always)]
+    fn new(near: f32, level: usize, i: usize, j: usize) -> Self {
+        Self(u64::from(near.to_bits()) << 32 | (level << 20 | j << 10 | i) as u64)
+    }
+    #[inline(always)]
+    fn near(self) -> f32 {
+        f32::from_bits((self.0 >> 32) as u32)
+    }
+    /// Level, column and row.
+    #[inline(always)]
+    fn place(self) -> (usize, usize, usize) {
+        let place = self.0 as u32 as usize;
+        (place >> 20, place & 1023, place >> 10 & 1023)
+    }
+}
+
+impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
+    type Output = Option<Met>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
+        let Self { compact, face, ray } = self;
+        let shape = compact.shape(face);
+        let moment = Moment::new(compact.keys, ray.time);
+        let mut walk = Walk::<MOVES> {
+            compact,
+            face,
+            shape,
+            moment: &moment,
+            world: *ray,
+            ray: LatticeRay::new(&compact.lattice, ray, compact.reach),
+        };
+        let mut nearest = None;
+        let mut stack = [Waiting(0); MOST_WAITING];
+        stack[0] = Waiting::new(0.0, shape.levels(), 0, 0);
+        let mut count = 1;
+        while count > 0 {
+            count -= 1;
+            let next = stack[count];
+            if next.near() > walk.ray.t_max {
+                continue;
+            }
+            let (level, i, j) = next.place();
+            if level == 0 {
+                if let Some(met) = walk.block(lanes, i, j) {
+                    nearest = Some(met);
+                    if ANY {
+                        return nearest;
+                    }
+                    walk.world.t_max = met.hit.t;
+                    walk.ray.end(met.hit.t);
+                }
+                continue;
+            }
+            let mut near = [0.0; LANES];
+            let mut hits = walk.children(lanes, level, i, j, &mut near);
+            // Nearest on top.
+            let bottom = count;
+            while hits != 0 {
+                let c = hits.trailing_zeros() as usize;
+                hits &= hits - 1;
+                let child = Waiting::new(near[c], level - 1, FAN * i + c % FAN, FAN * j + c / FAN);
+                let mut at = count;
+                while at > bottom && stack[at - 1] < child {
+                    stack[at] = stack[at - 1];
+                    at -= 1;
+                }
+                stack[at] = child;
+                count += 1;
+            }
+        }
+        nearest
+    }
+}
+
+struct Walk<'a, const MOVES: bool> {
+    compact: &'a Compact,
+    face: &'a Face,
+    shape: &'a Shape,
+    moment: &'a Moment,
+    /// The ray as it was given, and on the lattice; both end at the nearest hit so far.
+    world: Ray,
+    ray: LatticeRay,
+}
+
+/// Columns and rows of the lanes of two rows.
+const COLUMNS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
+const ROWS: [i32; LANES] = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1];
+
+/// Pairs of rows in a block.
+const PAIRS: usize = SIDE / 2;
+
+/// A block's vertices in the plane across the ray, two rows together.
+struct Sheared {
+    x: [[f32; LANES]; PAIRS],
+    y: [[f32; LANES]; PAIRS],
+    z: [[f32; LANES]; PAIRS],
+}
+
+impl Sheared {
+    /// Three values by the numbers of their vertices.
+    #[inline(always)]
+    fn corners(of: &[[f32; LANES]; PAIRS], corners: [usize; 3]) -> [f32; 3] {
+        corners.map(|c| of.as_flattened()[c])
+    }
+}
+
+impl<const MOVES: bool> Walk<'_, MOVES> {
+    #[inline(always)]
+    fn node(&self, level: usize, i: usize, j: usize, key: usize) -> &Node {
+        let number = self.shape.node(level, i, j) + key * self.shape.nodes();
+        &self.compact.nodes[self.face.root as usize + number]
+    }
+
+    /// The children that the ray meets, as bits, and where it enters each.
+    #[inline(always)]
+    fn children<L: Lanes>(
+        &self,
+        lanes: L,
+        level: usize,
+        i: usize,
+        j: usize,
+        entries: &mut [f32; LANES],
+    ) -> u32 {
+        let ray = &self.ray;
+        let node = self.node(level, i, j, self.moment.from);
+        let later = self.node(level, i, j, self.moment.to);
+        let mut near = lanes.floats(ray.t_min);
+        let mut far = lanes.floats(ray.t_max);
+        for k in 0..3 {
+            let inverse = ray.inverse[k];
+            let slack = ray.slack.copysign(inverse);
+            let backwards = inverse < 0.0;
+            let (origin, unit) = node.frame(k);
+            let [first, last] = planes(lanes, node, k, backwards);
+            // Planes as t = plane * scale + shift.
+            let (first, last, origin, scale) = if MOVES {
+                let frame = later.frame(k);
+                let [first_later, last_later] = planes(lanes, later, k, backwards);
+                (
+                    self.between(
+                        lanes,
+                        framed(lanes, first, (origin, unit)),
+                        framed(lanes, first_later, frame),
+                    ),
+                    self.between(
+                        lanes,
+                        framed(lanes, last, (origin, unit)),
+                        framed(lanes, last_later, frame),
+                    ),
+                    0.0,
+                    inverse,
+                )
+            } else {
+                (first, last, origin, unit * inverse)
+            };
+            let shift = origin - ray.origin[k];
+            let scale = lanes.floats(scale);
+            let enter = lanes.floats((shift - slack) * inverse);
+            let leave = lanes.floats((shift + slack) * inverse);
+            near = lanes.max(near, lanes.add(lanes.mul(first, scale), enter));
+            far = lanes.min(far, lanes.add(lanes.mul(last, scale), leave));
+        }
+        lanes.store(near, entries);
+        let [columns, rows] = self.shape.fan(level, i, j);
+        let there = (0x1111 * ((1 << columns) - 1)) & ((1 << (FAN * rows)) - 1);
+        lanes.less_equal(near, far) & there
+    }
+
+    /// What lies between two keys. It grows with `a` and with `b`, whatever it rounds: between boxes lies a box that
+    /// holds what lies between their contents.
+    #[inline(always)]
+    fn between<L: Lanes>(&self, lanes: L, a: L::Floats, b: L::Floats) -> L::Floats {
+        let [from, to] = self.moment.weights;
+        lanes.add(
+            lanes.mul(a, lanes.floats(from)),
+            lanes.mul(b, lanes.floats(to)),
+        )
+    }
+
+    /// The nearest triangle of a block.
+    #[inline(always)]
+    fn block<L: Lanes>(&self, lanes: L, i: usize, j: usize) -> Option<Met> {
+        let [nu, nv] = self.face.size.map(usize::from);
+        let [columns, rows] = [(nu - CELLS * i).min(CELLS), (nv - CELLS * j).min(CELLS)];
+        let mut sheared = Sheared {
+            x: [[0.0; LANES]; PAIRS],
+            y: [[0.0; LANES]; PAIRS],
+            z: [[0.0; LANES]; PAIRS],
+        };
+        self.decode(lanes, [i, j], [columns, rows], &mut sheared);
+        let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
+        let passed = edges(lanes, &sheared, rows).map(|passed| passed & cells);
+
+        // Both kinds of triangles in one row of bits: what ends the loop is hard to foretell.
+        let mut passed = u128::from(passed[0]) | u128::from(passed[1]) << 64;
+        let mut nearest: Option<Met> = None;
+        let mut t_max = self.world.t_max;
+        while passed != 0 {
+            let bit = passed.trailing_zeros() as usize;
+            passed &= passed - 1;
+            let (second, cell) = (bit >= 64, bit % 64);
+            let corners = if second {
+                [cell + SIDE + 1, cell + SIDE, cell + 1]
+            } else {
+                [cell, cell + 1, cell + SIDE]
+            };
+            let t = Sheared::corners(&sheared.z, corners).map(|z| self.ray.s[2] * z);
+            let x = Sheared::corners(&sheared.x, corners);
+            let y = Sheared::corners(&sheared.y, corners);
+            let Some(hit) = origin_in(x, y, t) else {
+                continue;
+            };
+            if hit.t > self.world.t_min && hit.t < t_max {
+                t_max = hit.t;
+                nearest = Some(Met {
+                    hit,
+                    column: CELLS * i + cell % SIDE,
+                    row: CELLS * j + cell / SIDE,
+                    second,
+                });
+            }
+        }
+        nearest
+    }
+
+    /// Decodes a block's vertices, and shears them.
+    #[inline(always)]
+    fn decode<L: Lanes>(
+        &self,
+        lanes: L,
+        place: [usize; 2],
+        [columns, rows]: [usize; 2],
+        to: &mut Sheared,
+    ) {
+        let compact = self.compact;
+        let moment = self.moment;
+        let head = compact.head(self.face, self.shape, place, moment.from);
+        let mut planes = Planes::new(lanes, &head, columns);
+        let mut later = planes;
+        if MOVES {
+            let head = compact.head(self.face, self.shape, place, moment.to);
+            later = Planes::new(lanes, &head, columns);
+        }
+        let LatticeRay { k, origin, s, .. } = self.ray;
+        let [ox, oy, oz] = [
+            lanes.floats(origin[k[0]]),
+            lanes.floats(origin[k[1]]),
+            lanes.floats(origin[k[2]]),
+        ];
+        let [sx, sy] = [lanes.floats(s[0]), lanes.floats(s[1])];
+        for pair in 0..rows / 2 + 1 {
+            let two = [2 * pair, (2 * pair + 1).min(rows)];
+            let mut at = planes.next(lanes, &compact.data, two);
+            if MOVES {
+                let b = later.next(lanes, &compact.data, two);
+                at = [
+                    self.between(lanes, at[0], b[0]),
+                    self.between(lanes, at[1], b[1]),
+                    self.between(lanes, at[2], b[2]),
+                ];
+            }
+            let x = lanes.sub(at[k[0]], ox);
+            let y = lanes.sub(at[k[1]], oy);
+            let z = lanes.sub(at[k[2]], oz);
+            lanes.store(lanes.sub(x, lanes.mul(sx, z)), &mut to.x[pair]);
+            lanes.store(lanes.sub(y, lanes.mul(sy, z)), &mut to.y[pair]);
+            lanes.store(z, &mut to.z[pair]);
+        }
+    }
+}
+
+/// The planes that a ray meets first and last along an axis, of all children.
+#[inline(always)]
+fn planes<L: Lanes>(lanes: L, node: &Node, k: usize, backwards: bool) -> [L::Floats; 2] {
+    let (lower, upper) = (lanes.bytes(&node.lower[k]), lanes.bytes(&node.upper[k]));
+    if backwards {
+        [upper, lower]
+    } else {
+        [lower, upper]
+    }
+}
+
+/// Planes out of a node's frame, on the lattice.
+#[inline(always)]
+fn framed<L: Lanes>(lanes: L, planes: L::Floats, (origin, unit): (f32, f32)) -> L::Floats {
+    lanes.add(lanes.mul(planes, lanes.floats(unit)), lanes.floats(origin))
+}
+
+/// A block's prediction, two rows at a time.
+#[derive(Clone, Copy)]
+struct Planes<L: Lanes> {
+    /// With the main axis first.
+    head: Head,
+    /// Where each axis is in it.
+    order: [usize; 3],
+    /// Whether the rows have all their vertices.
+    full: bool,
+    at: [L::Ints; 3],
+    /// From two rows to the next two.
+    step: [L::Ints; 3],
+}
+
+impl<L: Lanes> Planes<L> {
+    #[inline(always)]
+    fn new(lanes: L, head: &Head, columns_there: usize) -> Self {
+        let main = head.main;
+        let others = [(main + 1) % 3, (main + 2) % 3];
+        let mut order = [0; 3];
+        order[others[0]] = 1;
+        order[others[1]] = 2;
+        let head = head.in_order([main, others[0], others[1]]);
+        let (columns, rows) = (lanes.load_ints(&COLUMNS), lanes.load_ints(&ROWS));
+        let mut at = [columns; 3];
+        let mut step = [rows; 3];
+        for k in 0..3 {
+            let Axis { base, du, dv, .. } = head.axes[k];
+            let u = lanes.mul_ints(columns, lanes.ints(du));
+            let v = lanes.mul_ints(rows, lanes.ints(dv));
+            let plane = lanes.add_ints(u, v);
+            at[k] = lanes.add_ints(lanes.ints(base << SLOPE_POINT), plane);
+            step[k] = lanes.ints(2 * dv);
+        }
+        Self {
+            head,
+            order,
+            full: columns_there == CELLS,
+            at,
+            step,
+        }
+    }
+
+    /// The next two rows of vertices, which are the given ones, on the lattice.
+    #[inline(always)]
+    fn next(&mut self, lanes: L, data: &[u8], rows: [usize; 2]) -> [L::Floats; 3] {
+        let heights = self.fields(lanes, data, rows, 0);
+        let mut out = [lanes.floats(0.0); 3];
+        for (k, out) in out.iter_mut().enumerate() {
+            let mut field = heights;
+            if k > 0 {
+                let shear = lanes.mul_ints(heights, lanes.ints(self.head.axes[k].shear));
+                let shear = lanes.shift_right::<SHEAR_POINT>(shear);
+                field = lanes.add_ints(self.fields(lanes, data, rows, k), shear);
+            }
+            let plane = lanes.shift_right::<SLOPE_POINT>(self.at[k]);
+            self.at[k] = lanes.add_ints(self.at[k], self.step[k]);
+            *out = lanes.to_floats(lanes.add_ints(plane, field));
+        }
+        let [x, y, z] = self.order;
+        [out[x], out[y], out[z]]
+    }
+
+    #[inline(always)]
+    fn fields(&self, lanes: L, data: &[u8], [a, b]: [usize; 2], k: usize) -> L::Ints {
+        let (start, stride) = (self.head.rows[k], self.head.strides[k]);
+        let width = self.head.axes[k].width;
+        // Rows of eight follow each other without a gap.
+        if self.full && width <= NARROW {
+            return lanes.narrow_fields(data, start + a * stride, width);
+        }
+        let rows = [start + a * stride, start + b * stride];
+        lanes.fields(data, rows, width)
+    }
+}
+
+/// The quads whose first and second triangles the ray passes through, or touches, as bits: eight a row.
+#[inline(always)]
+fn edges<L: Lanes>(lanes: L, sheared: &Sheared, rows: usize) -> [u64; 2] {
+    // Along rows, along columns, and from corner b to corner c of each quad; to which side the ray passes.
+    let mut along = [0_u64; 2];
+    let mut down = [0_u64; 2];
+    let mut across = [0_u64; 2];
+    let (mut x, mut y) = (lanes.load(&sheared.x[0]), lanes.load(&sheared.y[0]));
+    for pair in 0..rows / 2 + 1 {
+        let after = (pair + 1).min(PAIRS - 1);
+        let (x2, y2) = (lanes.load(&sheared.x[after]), lanes.load(&sheared.y[after]));
+        let (bx, by) = (lanes.next_in_row(x), lanes.next_in_row(y));
+        let (cx, cy) = (lanes.next_row(x, x2), lanes.next_row(y, y2));
+        side(lanes, [x, y, bx, by], pair, &mut along);
+        side(lanes, [x, y, cx, cy], pair, &mut down);
+        side(lanes, [bx, by, cx, cy], pair, &mut across);
+        (x, y) = (x2, y2);
+    }
+    let [an, ap] = along;
+    let [dn, dp] = down;
+    let [cn, cp] = across;
+    // Corners a, b, c with edge functions of (c, b), (a, c), (b, a); then d, c, b.
+    let first = (cp | dn | ap) & (cn | dp | an);
+    let second = (cn | dp >> 1 | an >> 8) & (cp | dn >> 1 | ap >> 8);
+    [!first, !second]
+}
+
+/// Adds the signs of two rows' edge functions: below zero, and above.
+#[inline(always)]
+fn side<L: Lanes>(lanes: L, [ax, ay, bx, by]: [L::Floats; 4], pair: usize, signs: &mut [u64; 2]) {
+    let zero = lanes.floats(0.0);
+    let value = lanes.sub(lanes.mul(ax, by), lanes.mul(ay, bx));
+    signs[0] |= u64::from(lanes.less(value, zero)) << (LANES * pair);
+    signs[1] |= u64::from(lanes.less(zero, value)) << (LANES * pair);
+}

@@ -1,0 +1,217 @@
+//! Sixteen lanes at once: one body of code for AVX-512, AVX2 and plain Rust.
+//!
+//! A [`Body`] is written once over the operations of [`Lanes`]; [`Isa::run`] compiles it for each instruction set and
+//! runs the one that was chosen when the program found out what the processor has. All operations are those of IEEE
+//! 754 one by one, none is fused: every instruction set gives the same bits, and the tests hold it to that. Sixteen
+//! lanes are the children of a node, or two rows of eight vertices.
+#![allow(unsafe_code)]
+
+mod portable;
+#[cfg(test)]
+mod tests;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+/// Lanes in a register.
+pub(super) const LANES: usize = 16;
+
+/// The widest field that [`Lanes::fields`] takes apart, in bits.
+pub(super) const WIDEST: u32 = 25;
+
+/// The widest field that [`Lanes::narrow_fields`] takes apart, in bits.
+pub(super) const NARROW: u32 = 8;
+
+/// Bytes that must follow the last field.
+pub(super) const FIELD_PADDING: usize = 16;
+
+/// Operations on sixteen lanes. The value itself is the permission to use an instruction set.
+pub(super) trait Lanes: Copy {
+    /// Sixteen numbers of single precision.
+    type Floats: Copy;
+    /// Sixteen integers of 32 bits, which wrap around.
+    type Ints: Copy;
+
+    /// The same in all lanes.
+    fn floats(self, value: f32) -> Self::Floats;
+    /// The same in all lanes.
+    fn ints(self, value: i32) -> Self::Ints;
+    /// One by one.
+    fn load_ints(self, values: &[i32; LANES]) -> Self::Ints;
+    /// One by one.
+    fn load(self, values: &[f32; LANES]) -> Self::Floats;
+    /// One by one.
+    fn store(self, values: Self::Floats, to: &mut [f32; LANES]);
+
+    fn add(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    fn sub(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    fn mul(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    /// The lesser one; `b` if either is not a number.
+    fn min(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    /// The greater one; `b` if either is not a number.
+    fn max(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    /// A bit for each lane where `a < b`.
+    fn less(self, a: Self::Floats, b: Self::Floats) -> u32;
+    /// A bit for each lane where `a <= b`.
+    fn less_equal(self, a: Self::Floats, b: Self::Floats) -> u32;
+
+    fn add_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
+    fn mul_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
+    /// Towards minus infinity.
+    fn shift_right<const BY: u32>(self, a: Self::Ints) -> Self::Ints;
+    /// Exact below 2^24.
+    fn to_floats(self, a: Self::Ints) -> Self::Floats;
+
+    /// Bytes as numbers.
+    fn bytes(self, bytes: &[u8; LANES]) -> Self::Floats;
+    /// Two rows of eight fields, each `width` bits wide, lowest bits first; the rows start at the given bytes.
+    ///
+    /// # Panics
+    /// If `width` exceeds [`WIDEST`], or the bytes end less than [`FIELD_PADDING`] after the last field.
+    fn fields(self, bytes: &[u8], rows: [usize; 2], width: u32) -> Self::Ints;
+
+    /// Sixteen fields, each `width` bits wide, one after the other from byte `at` on, lowest bits first.
+    ///
+    /// # Panics
+    /// If `width` exceeds [`NARROW`], or fewer than 16 bytes follow.
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> Self::Ints;
+
+    /// Lane i takes lane i + 1 of its half; the last lane of each half stays.
+    fn next_in_row(self, a: Self::Floats) -> Self::Floats;
+    /// The upper half of `a`, then the lower half of `b`.
+    fn next_row(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+}
+
+/// Something to be done with lanes. Implementations are `#[inline(always)]`, and so is all that they call: only what is
+/// inlined is compiled for the instruction set.
+pub(super) trait Body {
+    /// What it results in.
+    type Output;
+    /// Does it.
+    fn run<L: Lanes>(self, lanes: L) -> Self::Output;
+}
+
+/// An instruction set that this processor has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Isa(Set);
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Set {
+    Portable,
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+}
+
+impl Isa {
+    /// All that this processor has, the fastest last.
+    pub(super) fn all() -> Vec<Self> {
+        #[allow(unused_mut)]
+        let mut all = vec![Self(Set::Portable)];
+        #[cfg(target_arch = "x86_64")]
+        {
+            if is_x86_feature_detected!("avx2") {
+                all.push(Self(Set::Avx2));
+            }
+            if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
+                all.push(Self(Set::Avx512));
+            }
+        }
+        all
+    }
+
+    /// The fastest one.
+    pub(super) fn best() -> Self {
+        Self::all().pop().unwrap_or(Self(Set::Portable))
+    }
+
+    /// Does it with this instruction set.
+    #[inline]
+    pub(super) fn run<B: Body>(self, body: B) -> B::Output {
+        match self.0 {
+            Set::Portable => body.run(portable::Portable),
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: `all` names AVX2 only where the processor has it.
+            Set::Avx2 => unsafe { x86::run_avx2(body) },
+            #[cfg(target_arch = "x86_64")]
+            // SAFETY: likewise for AVX-512.
+            Set::Avx512 => unsafe { x86::run_avx512(body) },
+        }
+    }
+}
+
+/// How eight fields of one width are taken apart: four lie in the 16 bytes from the row's start, four in those from
+/// byte `middle`.
+struct Fields {
+    /// For each lane, its four bytes among these 16.
+    shuffle: [u8; 32],
+    /// For each lane, the bits of these that precede the field.
+    shift: [u32; 8],
+    mask: u32,
+    middle: usize,
+}
+
+static FIELDS: [Fields; WIDEST as usize + 1] = {
+    const NONE: Fields = Fields {
+        shuffle: [0; 32],
+        shift: [0; 8],
+        mask: 0,
+        middle: 0,
+    };
+    let mut all = [NONE; WIDEST as usize + 1];
+    let mut width = 0;
+    while width <= WIDEST as usize {
+        let middle = 4 * width / 8;
+        let mut lane = 0;
+        while lane < 8 {
+            let first = lane * width - if lane < 4 { 0 } else { 8 * middle };
+            let mut byte = 0;
+            while byte < 4 {
+                all[width].shuffle[4 * lane + byte] = (first / 8 + byte) as u8;
+                byte += 1;
+            }
+            all[width].shift[lane] = (first % 8) as u32;
+            lane += 1;
+        }
+        all[width].mask = (1 << width) - 1;
+        all[width].middle = middle;
+        width += 1;
+    }
+    all
+};
+
+/// How sixteen narrow fields are taken apart, which all lie in 16 bytes.
+struct NarrowFields {
+    /// For each lane, its two bytes among these 16, and two that are zero.
+    shuffle: [u8; 64],
+    /// For each lane, the bits of these that precede the field.
+    shift: [u32; LANES],
+    mask: u32,
+}
+
+static NARROW_FIELDS: [NarrowFields; NARROW as usize + 1] = {
+    const ZERO: u8 = 0x80;
+    const NONE: NarrowFields = NarrowFields {
+        shuffle: [ZERO; 64],
+        shift: [0; LANES],
+        mask: 0,
+    };
+    let mut all = [NONE; NARROW as usize + 1];
+    let mut width = 0;
+    while width <= NARROW as usize {
+        let mut lane = 0;
+        while lane < LANES {
+            let first = lane * width;
+            all[width].shuffle[4 * lane] = (first / 8) as u8;
+            // The last field may end with the last byte.
+            if first / 8 + 1 < 16 {
+                all[width].shuffle[4 * lane + 1] = (first / 8 + 1) as u8;
+            }
+            all[width].shift[lane] = (first % 8) as u32;
+            lane += 1;
+        }
+        all[width].mask = (1 << width) - 1;
+        width += 1;
+    }
+    all
+};

@@ -1,0 +1,147 @@
+//! The sixteen lanes in plain Rust: what the others must agree with.
+
+use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS};
+
+/// Needs nothing.
+#[derive(Clone, Copy)]
+pub(super) struct Portable;
+
+type Floats = [f32; LANES];
+type Ints = [i32; LANES];
+
+#[inline(always)]
+fn each<T: Copy, U: Copy + Default>(
+    a: [T; LANES],
+    b: [T; LANES],
+    f: impl Fn(T, T) -> U,
+) -> [U; LANES] {
+    let mut out = [U::default(); LANES];
+    for i in 0..LANES {
+        out[i] = f(a[i], b[i]);
+    }
+    out
+}
+
+#[inline(always)]
+fn bits(a: Floats, b: Floats, f: impl Fn(f32, f32) -> bool) -> u32 {
+    let mut out = 0;
+    for i in 0..LANES {
+        out |= u32::from(f(a[i], b[i])) << i;
+    }
+    out
+}
+
+impl Lanes for Portable {
+    type Floats = Floats;
+    type Ints = Ints;
+
+    #[inline(always)]
+    fn floats(self, value: f32) -> Floats {
+        [value; LANES]
+    }
+    #[inline(always)]
+    fn ints(self, value: i32) -> Ints {
+        [value; LANES]
+    }
+    #[inline(always)]
+    fn load_ints(self, values: &Ints) -> Ints {
+        *values
+    }
+    #[inline(always)]
+    fn load(self, values: &Floats) -> Floats {
+        *values
+    }
+    #[inline(always)]
+    fn store(self, values: Floats, to: &mut Floats) {
+        *to = values;
+    }
+    #[inline(always)]
+    fn add(self, a: Floats, b: Floats) -> Floats {
+        each(a, b, |a, b| a + b)
+    }
+    #[inline(always)]
+    fn sub(self, a: Floats, b: Floats) -> Floats {
+        each(a, b, |a, b| a - b)
+    }
+    #[inline(always)]
+    fn mul(self, a: Floats, b: Floats) -> Floats {
+        each(a, b, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn min(self, a: Floats, b: Floats) -> Floats {
+        each(a, b, |a, b| if a < b { a } else { b })
+    }
+    #[inline(always)]
+    fn max(self, a: Floats, b: Floats) -> Floats {
+        each(a, b, |a, b| if a > b { a } else { b })
+    }
+    #[inline(always)]
+    fn less(self, a: Floats, b: Floats) -> u32 {
+        bits(a, b, |a, b| a < b)
+    }
+    #[inline(always)]
+    fn less_equal(self, a: Floats, b: Floats) -> u32 {
+        bits(a, b, |a, b| a <= b)
+    }
+    #[inline(always)]
+    fn add_ints(self, a: Ints, b: Ints) -> Ints {
+        each(a, b, i32::wrapping_add)
+    }
+    #[inline(always)]
+    fn mul_ints(self, a: Ints, b: Ints) -> Ints {
+        each(a, b, i32::wrapping_mul)
+    }
+    #[inline(always)]
+    fn shift_right<const BY: u32>(self, a: Ints) -> Ints {
+        a.map(|a| a >> BY)
+    }
+    #[inline(always)]
+    fn to_floats(self, a: Ints) -> Floats {
+        a.map(|a| a as f32)
+    }
+    #[inline(always)]
+    fn bytes(self, bytes: &[u8; LANES]) -> Floats {
+        bytes.map(f32::from)
+    }
+    #[inline(always)]
+    fn fields(self, bytes: &[u8], rows: [usize; 2], width: u32) -> Ints {
+        let fields = &FIELDS[width as usize];
+        assert!(
+            rows[0].max(rows[1]) + fields.middle + FIELD_PADDING <= bytes.len(),
+            "fields beyond the end"
+        );
+        let mut out = [0; LANES];
+        for (i, out) in out.iter_mut().enumerate() {
+            let first = (i % 8) * width as usize;
+            let at = rows[i / 8] + first / 8;
+            let window =
+                u32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
+            *out = ((window >> (first % 8)) & fields.mask) as i32;
+        }
+        out
+    }
+    #[inline(always)]
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> Ints {
+        let fields = &NARROW_FIELDS[width as usize];
+        let all = u128::from_le_bytes(bytes[at..at + 16].try_into().expect("16 bytes"));
+        let mut out = [0; LANES];
+        for (i, out) in out.iter_mut().enumerate() {
+            *out = ((all >> (i as u32 * width)) as u32 & fields.mask) as i32;
+        }
+        out
+    }
+    #[inline(always)]
+    fn next_in_row(self, a: Floats) -> Floats {
+        let mut out = a;
+        out[..7].copy_from_slice(&a[1..8]);
+        out[8..15].copy_from_slice(&a[9..]);
+        out
+    }
+    #[inline(always)]
+    fn next_row(self, a: Floats, b: Floats) -> Floats {
+        let mut out = b;
+        out[..8].copy_from_slice(&a[8..]);
+        out[8..].copy_from_slice(&b[..8]);
+        out
+    }
+}

@@ -1,0 +1,126 @@
+//! All instruction sets give the bits of the portable one.
+
+use super::*;
+use crate::surface::tests::shapes::Random;
+
+/// Every operation on some lanes, as bits.
+struct All<'a> {
+    a: [f32; LANES],
+    b: [f32; LANES],
+    bytes: &'a [u8],
+    rows: [usize; 2],
+    width: u32,
+}
+
+impl Body for All<'_> {
+    type Output = Vec<u32>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Vec<u32> {
+        let (a, b) = (lanes.load(&self.a), lanes.load(&self.b));
+        let fields = lanes.fields(self.bytes, self.rows, self.width);
+        let counts: [i32; LANES] = std::array::from_fn(|i| i as i32 - 7);
+        let ints = lanes.mul_ints(fields, lanes.load_ints(&counts));
+        let ints = lanes.shift_right::<6>(lanes.add_ints(ints, lanes.ints(-5)));
+        let bytes: &[u8; LANES] = self.bytes[..LANES].try_into().expect("sixteen");
+        let floats = [
+            lanes.add(a, b),
+            lanes.sub(a, b),
+            lanes.mul(a, b),
+            lanes.min(a, b),
+            lanes.max(a, b),
+            lanes.next_in_row(a),
+            lanes.next_row(a, b),
+            lanes.bytes(bytes),
+            lanes.to_floats(ints),
+            lanes.floats(self.a[3]),
+            lanes.to_floats(lanes.narrow_fields(
+                self.bytes,
+                self.rows[0],
+                self.width % (NARROW + 1),
+            )),
+        ];
+        let mut out = vec![lanes.less(a, b), lanes.less_equal(a, b)];
+        for values in floats {
+            let mut stored = [0.0; LANES];
+            lanes.store(values, &mut stored);
+            out.extend(stored.map(f32::to_bits));
+        }
+        out
+    }
+}
+
+#[test]
+fn all_sets_agree_to_the_bit() {
+    let mut random = Random(11);
+    for round in 0..2000 {
+        let mut value = || match (8.0 * random.next()) as u32 {
+            0 => 0.0,
+            1 => -0.0,
+            2 => f32::INFINITY,
+            3 => f32::NAN,
+            4 => 1.0,
+            _ => 200.0 * (random.next() - 0.5),
+        };
+        let (a, b) = (
+            std::array::from_fn(|_| value()),
+            std::array::from_fn(|_| value()),
+        );
+        let bytes: Vec<u8> = (0..120).map(|_| (256.0 * random.next()) as u8).collect();
+        let width = round % (WIDEST + 1);
+        let body = || All {
+            a,
+            b,
+            bytes: &bytes,
+            rows: [round as usize % 31, 40 + round as usize % 17],
+            width,
+        };
+        let not_numbers = |bits: Vec<u32>| -> Vec<u32> {
+            // Which one of several it is, IEEE 754 leaves open.
+            let nan = |b: u32| f32::from_bits(b).is_nan();
+            bits.into_iter()
+                .map(|b| if nan(b) { f32::NAN.to_bits() } else { b })
+                .collect()
+        };
+        let expected = not_numbers(Isa(Set::Portable).run(body()));
+        for isa in Isa::all() {
+            assert_eq!(
+                not_numbers(isa.run(body())),
+                expected,
+                "{isa:?}, {width} bits"
+            );
+        }
+    }
+}
+
+#[test]
+fn fields_come_back() {
+    for width in 0..=WIDEST {
+        let most = (1_u64 << width) - 1;
+        let values: Vec<u64> = (0..8).map(|i| (most / 7 * i).min(most)).collect();
+        let mut bytes = vec![0_u8; 64];
+        for (i, value) in values.iter().enumerate() {
+            for bit in 0..width as usize {
+                let at = i * width as usize + bit;
+                bytes[3 + at / 8] |= ((value >> bit & 1) as u8) << (at % 8);
+            }
+        }
+        struct Take<'a>(&'a [u8], u32);
+        impl Body for Take<'_> {
+            type Output = [f32; LANES];
+            #[inline(always)]
+            fn run<L: Lanes>(self, lanes: L) -> [f32; LANES] {
+                let mut out = [0.0; LANES];
+                let fields = lanes.fields(self.0, [3, 3], self.1);
+                lanes.store(lanes.to_floats(fields), &mut out);
+                out
+            }
+        }
+        for isa in Isa::all() {
+            let out = isa.run(Take(&bytes, width));
+            for (i, value) in values.iter().enumerate() {
+                assert_eq!([out[i], out[i + 8]], [*value as f32; 2], "{isa:?} {width}");
+            }
+        }
+    }
+}

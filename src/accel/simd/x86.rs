@@ -1,0 +1,341 @@
+//! The sixteen lanes on x86-64: one register of AVX-512, or two of AVX2.
+
+use std::arch::x86_64::*;
+
+use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES, Lanes, NARROW_FIELDS};
+
+/// Exists only while code for AVX2 runs.
+#[derive(Clone, Copy)]
+pub(super) struct Avx2(());
+
+/// Exists only while code for AVX-512 (F, BW) runs.
+#[derive(Clone, Copy)]
+pub(super) struct Avx512(());
+
+/// # Safety
+/// The processor must have AVX2.
+#[target_feature(enable = "avx2")]
+pub(super) unsafe fn run_avx2<B: Body>(body: B) -> B::Output {
+    body.run(Avx2(()))
+}
+
+/// # Safety
+/// The processor must have AVX-512 F and BW.
+#[target_feature(enable = "avx512f,avx512bw,avx2")]
+pub(super) unsafe fn run_avx512<B: Body>(body: B) -> B::Output {
+    body.run(Avx512(()))
+}
+
+/// An operation on registers alone.
+macro_rules! op {
+    ($e:expr) => {
+        // SAFETY: a token of the instruction set is at hand, so the processor has it. No memory is touched.
+        unsafe { $e }
+    };
+}
+
+/// The fields' description, and the four places that 16 bytes are loaded from, all within `bytes`.
+#[inline(always)]
+fn windows(bytes: &[u8], rows: [usize; 2], width: u32) -> (&'static Fields, [*const __m128i; 4]) {
+    let fields = &FIELDS[width as usize];
+    assert!(
+        rows[0].max(rows[1]) + fields.middle + FIELD_PADDING <= bytes.len(),
+        "fields beyond the end"
+    );
+    let at = |row: usize| bytes.as_ptr().wrapping_add(row).cast::<__m128i>();
+    let places = [
+        at(rows[0]),
+        at(rows[0] + fields.middle),
+        at(rows[1]),
+        at(rows[1] + fields.middle),
+    ];
+    (fields, places)
+}
+
+impl Lanes for Avx512 {
+    type Floats = __m512;
+    type Ints = __m512i;
+
+    #[inline(always)]
+    fn floats(self, value: f32) -> __m512 {
+        op!(_mm512_set1_ps(value))
+    }
+    #[inline(always)]
+    fn ints(self, value: i32) -> __m512i {
+        op!(_mm512_set1_epi32(value))
+    }
+    #[inline(always)]
+    fn load_ints(self, values: &[i32; LANES]) -> __m512i {
+        // SAFETY: the token says that the instructions are there; 64 bytes are.
+        unsafe { _mm512_loadu_si512(values.as_ptr().cast()) }
+    }
+    #[inline(always)]
+    fn load(self, values: &[f32; LANES]) -> __m512 {
+        // SAFETY: the token says that the instructions are there; 64 bytes are.
+        unsafe { _mm512_loadu_ps(values.as_ptr()) }
+    }
+    #[inline(always)]
+    fn store(self, values: __m512, to: &mut [f32; LANES]) {
+        // SAFETY: the token says that the instructions are there; 64 bytes are.
+        unsafe { _mm512_storeu_ps(to.as_mut_ptr(), values) }
+    }
+    #[inline(always)]
+    fn add(self, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_add_ps(a, b))
+    }
+    #[inline(always)]
+    fn sub(self, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_sub_ps(a, b))
+    }
+    #[inline(always)]
+    fn mul(self, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_mul_ps(a, b))
+    }
+    #[inline(always)]
+    fn min(self, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_min_ps(a, b))
+    }
+    #[inline(always)]
+    fn max(self, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_max_ps(a, b))
+    }
+    #[inline(always)]
+    fn less(self, a: __m512, b: __m512) -> u32 {
+        u32::from(op!(_mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b)))
+    }
+    #[inline(always)]
+    fn less_equal(self, a: __m512, b: __m512) -> u32 {
+        u32::from(op!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b)))
+    }
+    #[inline(always)]
+    fn add_ints(self, a: __m512i, b: __m512i) -> __m512i {
+        op!(_mm512_add_epi32(a, b))
+    }
+    #[inline(always)]
+    fn mul_ints(self, a: __m512i, b: __m512i) -> __m512i {
+        op!(_mm512_mullo_epi32(a, b))
+    }
+    #[inline(always)]
+    fn shift_right<const BY: u32>(self, a: __m512i) -> __m512i {
+        op!(_mm512_srai_epi32::<BY>(a))
+    }
+    #[inline(always)]
+    fn to_floats(self, a: __m512i) -> __m512 {
+        op!(_mm512_cvtepi32_ps(a))
+    }
+    #[inline(always)]
+    fn bytes(self, bytes: &[u8; LANES]) -> __m512 {
+        // SAFETY: the token says that the instructions are there; 16 bytes are.
+        unsafe { _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128(bytes.as_ptr().cast()))) }
+    }
+    #[inline(always)]
+    fn fields(self, bytes: &[u8], rows: [usize; 2], width: u32) -> __m512i {
+        let (fields, [a, b, c, d]) = windows(bytes, rows, width);
+        // SAFETY: the token says that the instructions are there; `windows` has seen to the 16 bytes of each place, and
+        // the tables are as long as what is loaded of them.
+        unsafe {
+            let low = _mm256_inserti128_si256::<1>(
+                _mm256_castsi128_si256(_mm_loadu_si128(a)),
+                _mm_loadu_si128(b),
+            );
+            let high = _mm256_inserti128_si256::<1>(
+                _mm256_castsi128_si256(_mm_loadu_si128(c)),
+                _mm_loadu_si128(d),
+            );
+            let all = _mm512_inserti64x4::<1>(_mm512_castsi256_si512(low), high);
+            let shuffle =
+                _mm512_broadcast_i64x4(_mm256_loadu_si256(fields.shuffle.as_ptr().cast()));
+            let shift = _mm512_broadcast_i64x4(_mm256_loadu_si256(fields.shift.as_ptr().cast()));
+            let here = _mm512_srlv_epi32(_mm512_shuffle_epi8(all, shuffle), shift);
+            _mm512_and_si512(here, _mm512_set1_epi32(fields.mask as i32))
+        }
+    }
+    #[inline(always)]
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> __m512i {
+        let fields = &NARROW_FIELDS[width as usize];
+        let bytes = &bytes[at..at + 16];
+        // SAFETY: the token says that the instructions are there; the 16 bytes are, and the tables have 64.
+        unsafe {
+            let all = _mm512_broadcast_i32x4(_mm_loadu_si128(bytes.as_ptr().cast()));
+            let shuffle = _mm512_loadu_si512(fields.shuffle.as_ptr().cast());
+            let shift = _mm512_loadu_si512(fields.shift.as_ptr().cast());
+            let here = _mm512_srlv_epi32(_mm512_shuffle_epi8(all, shuffle), shift);
+            _mm512_and_si512(here, _mm512_set1_epi32(fields.mask as i32))
+        }
+    }
+    #[inline(always)]
+    fn next_in_row(self, a: __m512) -> __m512 {
+        op!({
+            let from = _mm512_setr_epi32(1, 2, 3, 4, 5, 6, 7, 7, 9, 10, 11, 12, 13, 14, 15, 15);
+            _mm512_permutexvar_ps(from, a)
+        })
+    }
+    #[inline(always)]
+    fn next_row(self, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_shuffle_f32x4::<0b01_00_11_10>(a, b))
+    }
+}
+
+impl Lanes for Avx2 {
+    type Floats = [__m256; 2];
+    type Ints = [__m256i; 2];
+
+    #[inline(always)]
+    fn floats(self, value: f32) -> [__m256; 2] {
+        [op!(_mm256_set1_ps(value)); 2]
+    }
+    #[inline(always)]
+    fn ints(self, value: i32) -> [__m256i; 2] {
+        [op!(_mm256_set1_epi32(value)); 2]
+    }
+    #[inline(always)]
+    fn load_ints(self, values: &[i32; LANES]) -> [__m256i; 2] {
+        let at = values.as_ptr().cast::<__m256i>();
+        // SAFETY: the token says that the instructions are there; twice 32 bytes are.
+        unsafe { [_mm256_loadu_si256(at), _mm256_loadu_si256(at.add(1))] }
+    }
+    #[inline(always)]
+    fn load(self, values: &[f32; LANES]) -> [__m256; 2] {
+        let at = values.as_ptr();
+        // SAFETY: the token says that the instructions are there; twice 32 bytes are.
+        unsafe { [_mm256_loadu_ps(at), _mm256_loadu_ps(at.add(8))] }
+    }
+    #[inline(always)]
+    fn store(self, values: [__m256; 2], to: &mut [f32; LANES]) {
+        let at = to.as_mut_ptr();
+        // SAFETY: the token says that the instructions are there; twice 32 bytes are.
+        unsafe {
+            _mm256_storeu_ps(at, values[0]);
+            _mm256_storeu_ps(at.add(8), values[1]);
+        }
+    }
+    #[inline(always)]
+    fn add(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_add_ps(a[0], b[0]), _mm256_add_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn sub(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_sub_ps(a[0], b[0]), _mm256_sub_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn mul(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_mul_ps(a[0], b[0]), _mm256_mul_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn min(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_min_ps(a[0], b[0]), _mm256_min_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn max(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_max_ps(a[0], b[0]), _mm256_max_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn less(self, a: [__m256; 2], b: [__m256; 2]) -> u32 {
+        let bits = |i: usize| op!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a[i], b[i])));
+        (bits(0) | (bits(1) << 8)) as u32
+    }
+    #[inline(always)]
+    fn less_equal(self, a: [__m256; 2], b: [__m256; 2]) -> u32 {
+        let bits = |i: usize| op!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a[i], b[i])));
+        (bits(0) | (bits(1) << 8)) as u32
+    }
+    #[inline(always)]
+    fn add_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
+        op!([_mm256_add_epi32(a[0], b[0]), _mm256_add_epi32(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn mul_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
+        op!([
+            _mm256_mullo_epi32(a[0], b[0]),
+            _mm256_mullo_epi32(a[1], b[1])
+        ])
+    }
+    #[inline(always)]
+    fn shift_right<const BY: u32>(self, a: [__m256i; 2]) -> [__m256i; 2] {
+        // The instruction takes the count from a register as well; `BY` is a constant there.
+        op!({
+            let by = _mm_cvtsi32_si128(BY as i32);
+            [_mm256_sra_epi32(a[0], by), _mm256_sra_epi32(a[1], by)]
+        })
+    }
+    #[inline(always)]
+    fn to_floats(self, a: [__m256i; 2]) -> [__m256; 2] {
+        op!([_mm256_cvtepi32_ps(a[0]), _mm256_cvtepi32_ps(a[1])])
+    }
+    #[inline(always)]
+    fn bytes(self, bytes: &[u8; LANES]) -> [__m256; 2] {
+        let at = bytes.as_ptr();
+        // SAFETY: the token says that the instructions are there; twice 8 bytes are.
+        unsafe {
+            let [a, b] = [
+                _mm_loadl_epi64(at.cast()),
+                _mm_loadl_epi64(at.add(8).cast()),
+            ];
+            [
+                _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(a)),
+                _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(b)),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn fields(self, bytes: &[u8], rows: [usize; 2], width: u32) -> [__m256i; 2] {
+        let (fields, [a, b, c, d]) = windows(bytes, rows, width);
+        // SAFETY: the token says that the instructions are there; `windows` has seen to the 16 bytes of each place, and
+        // the tables are as long as what is loaded of them.
+        unsafe {
+            let low = _mm256_inserti128_si256::<1>(
+                _mm256_castsi128_si256(_mm_loadu_si128(a)),
+                _mm_loadu_si128(b),
+            );
+            let high = _mm256_inserti128_si256::<1>(
+                _mm256_castsi128_si256(_mm_loadu_si128(c)),
+                _mm_loadu_si128(d),
+            );
+            let shuffle = _mm256_loadu_si256(fields.shuffle.as_ptr().cast());
+            let shift = _mm256_loadu_si256(fields.shift.as_ptr().cast());
+            let mask = _mm256_set1_epi32(fields.mask as i32);
+            let take = |row| {
+                _mm256_and_si256(
+                    _mm256_srlv_epi32(_mm256_shuffle_epi8(row, shuffle), shift),
+                    mask,
+                )
+            };
+            [take(low), take(high)]
+        }
+    }
+    #[inline(always)]
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> [__m256i; 2] {
+        let fields = &NARROW_FIELDS[width as usize];
+        let bytes = &bytes[at..at + 16];
+        let shuffle = fields.shuffle.as_ptr().cast::<__m256i>();
+        let shift = fields.shift.as_ptr().cast::<__m256i>();
+        // SAFETY: the token says that the instructions are there; the 16 bytes are, and the tables have twice 32.
+        unsafe {
+            let all = _mm256_broadcastsi128_si256(_mm_loadu_si128(bytes.as_ptr().cast()));
+            let mask = _mm256_set1_epi32(fields.mask as i32);
+            let low = _mm256_shuffle_epi8(all, _mm256_loadu_si256(shuffle));
+            let high = _mm256_shuffle_epi8(all, _mm256_loadu_si256(shuffle.add(1)));
+            [
+                _mm256_and_si256(_mm256_srlv_epi32(low, _mm256_loadu_si256(shift)), mask),
+                _mm256_and_si256(
+                    _mm256_srlv_epi32(high, _mm256_loadu_si256(shift.add(1))),
+                    mask,
+                ),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn next_in_row(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let from = _mm256_setr_epi32(1, 2, 3, 4, 5, 6, 7, 7);
+            [
+                _mm256_permutevar8x32_ps(a[0], from),
+                _mm256_permutevar8x32_ps(a[1], from),
+            ]
+        })
+    }
+    #[inline(always)]
+    fn next_row(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        [a[1], b[0]]
+    }
+}
