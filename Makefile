@@ -76,7 +76,7 @@ leaks: build
 
 # A billion displaced points against the bounds of what they are on, ten minutes on one core.
 long-bounds: deps
-	RELIEVO_EFFORT=440 cargo test --release $(CARGO_FLAGS) --lib no_displaced_point_is_outside -- --nocapture
+	RELIEVO_EFFORT=240 cargo test --release $(CARGO_FLAGS) --lib no_displaced_point_is_outside -- --nocapture
 
 # Looks for what is missing, and installs it with apt-get where there is one.
 deps:
