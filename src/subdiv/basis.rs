@@ -39,117 +39,102 @@ pub(super) fn cubic<T: Real>(t: f64) -> [[T; 4]; 3] {
     ]
 }
 
-/// The points beside the triangle's own three corners, in the order of [`box_spline`].
-pub(super) const AROUND: [usize; 9] = [0, 1, 2, 3, 6, 7, 9, 10, 11];
-
-/// The basis functions of the points [`AROUND`] the triangle, with their derivatives by u, v, uu, uv and vv. As the
-/// twelve functions reproduce linear functions, those of the corners follow: the surface is the plane of its corners
-/// plus what these nine add of the points' offsets from that plane.
+/// The basis functions of a quartic box spline patch, with derivatives by u, v, uu, uv and vv. As they reproduce linear
+/// functions, those of the corners follow from the others: the surface is the plane of its corners plus what the nine
+/// points around them add of their offsets from that plane.
 ///
-/// With the barycentric coordinate w = 1 − u − v, six of them are x³ (x + 2 y) / 12 of two coordinates. Those of the
-/// points opposite a corner are (s³ (2 − s) + 2 q (s² + q)) / 12 of the sum s and the product q of the coordinates of
-/// the other two corners.
-#[inline(always)]
-pub(super) fn box_spline<T: Real>(u: f64, v: f64) -> [[T; 6]; 9] {
-    // Rounded once each: next to an edge or a corner nothing cancels.
-    let [from_u, from_v, s, w] = [1.0 - u, 1.0 - v, u + v, 1.0 - u - v].map(T::of);
-    let [u, v] = [u, v].map(T::of);
-    let [zero, half, two, three] = [0.0, 0.5, 2.0, 3.0].map(T::of);
-    let [sixth, twelfth] = [1.0 / 6.0, 1.0 / 12.0].map(T::of);
-    let minus = |x: T| zero - x;
-    // x² / 6, x³ / 6 and x³ / 12.
-    let powers = |x: T| [sixth * x * x, sixth * x * x * x, twelfth * x * x * x];
-    let ([u2, u3, u3_half], [v2, v3, v3_half], [w2, _, w3_half]) =
-        (powers(u), powers(v), powers(w));
-    let [uw, vw] = [u * w, v * w];
+/// Let w be the barycentric coordinate 1 − u − v. The two points in line with a corner's edges, such as 0 and 3 at
+/// corner 0 where w is 1, have w³ (w + 2 u) / 12 and w³ (w + 2 v) / 12. Together that is w³ / 6: the first point's offset
+/// counts by this, and by how much the second's differs from it by the second's function. The points opposite a corner
+/// have (s³ (2 − s) + 2 q (s² + q)) / 12 of the sum s and the product q of the other two corners' coordinates.
+pub(super) struct BoxSpline<T> {
+    /// x³ / 6, x² / 2 and x of the coordinates w, u and v: for the offsets of points 0, 2 and 10.
+    pub(super) cubes: [[T; 3]; 3],
+    /// For the offset of point 3 less that of point 0.
+    pub(super) turn_w: [T; 6],
+    /// For the offset of point 6 less that of point 2; without vv, which is 0.
+    pub(super) turn_u: [T; 5],
+    /// For the offset of point 11 less that of point 10, by v and u instead of u and v; without uu, which is 0.
+    pub(super) turn_v: [T; 5],
+    /// For the offsets of points 1, 7 and 9, opposite the corners.
+    pub(super) opposite: [[T; 6]; 3],
+}
 
-    let third = T::of(1.0 / 3.0);
-    // The function of s and q, its derivatives by s and q, and by s twice.
-    let edge = |s: T, q: T| {
-        let s2 = s * s;
-        [
-            twelfth * (s2 * s * (two - s) + two * q * (s2 + q)),
-            sixth * s * (three * s - two * s2 + two * q),
-            sixth * (s2 + two * q),
-            s - s2 + third * q,
-        ]
-    };
-    // Opposite the corner whose coordinate is 1 − s, if s has no derivative by y: then x is one of the coordinates
-    // and w the other. The derivatives are by x, y, xx, xy and yy.
-    let beside_w = |s: T, y: T| {
-        let [value, by_s, by_q, by_ss] = edge(s, y * w);
-        let across = w - y;
-        [
-            value,
-            minus(by_s + y * by_q),
-            across * by_q,
-            by_ss + third * y * (two * s + y),
-            minus(third * across * (s + y) + by_q),
-            third * across * across - two * by_q,
-        ]
-    };
-    let [p1, v1, u1, vv1, uv1, uu1] = beside_w(from_v, u);
-    let [p9, by_s, by_q, by_ss] = edge(s, u * v);
-    [
-        [
-            w3_half * (w + two * u),
-            minus(w2 * (w + three * u)),
-            minus(w2 * (two * w + three * u)),
-            uw,
-            half * w * (w + two * u),
-            w * (w + u),
-        ],
-        [p1, u1, v1, uu1, uv1, vv1],
-        [
-            u3_half * (u + two * w),
-            u2 * (u + three * w),
-            minus(u3),
-            uw,
-            minus(three * u2),
-            zero,
-        ],
-        [
-            w3_half * (w + two * v),
+impl<T: Real> BoxSpline<T> {
+    /// The functions at (u, v).
+    #[inline(always)]
+    pub(super) fn at(u: f64, v: f64) -> Self {
+        // Rounded once each: next to an edge or a corner nothing cancels.
+        let [from_u, from_v, s, w] = [1.0 - u, 1.0 - v, u + v, 1.0 - u - v].map(T::of);
+        let [u, v] = [u, v].map(T::of);
+        let [zero, half, two, three] = [0.0, 0.5, 2.0, 3.0].map(T::of);
+        let [third, sixth, twelfth] = [1.0 / 3.0, 1.0 / 6.0, 1.0 / 12.0].map(T::of);
+        let minus = |x: T| zero - x;
+        let cubes = [w, u, v].map(|x| [sixth * x * x * x, half * x * x, x]);
+        // At the corner of x, of the point towards y; by x and y.
+        let turn = |[cube, square, x]: [T; 3], y: T| {
+            [
+                half * cube * (x + two * y),
+                square * (two * third * x + y),
+                cube,
+                x * (x + y),
+                square,
+            ]
+        };
+        let w2 = sixth * w * w;
+        let turn_w = [
+            half * cubes[0][0] * (w + two * v),
             minus(w2 * (two * w + three * v)),
             minus(w2 * (w + three * v)),
             w * (w + v),
             half * w * (w + two * v),
-            vw,
-        ],
-        [
-            u3_half * (u + two * v),
-            u2 * (two * u + three * v),
-            u3,
-            u * s,
-            three * u2,
-            zero,
-        ],
-        beside_w(from_u, v),
-        [
-            p9,
-            by_s + v * by_q,
-            by_s + u * by_q,
-            by_ss + third * v * (two * s + v),
-            by_ss + third * (s * s + u * v) + by_q,
-            by_ss + third * u * (two * s + u),
-        ],
-        [
-            v3_half * (v + two * w),
-            minus(v3),
-            v2 * (v + three * w),
-            zero,
-            minus(three * v2),
-            vw,
-        ],
-        [
-            v3_half * (v + two * u),
-            v3,
-            v2 * (two * v + three * u),
-            zero,
-            three * v2,
-            v * s,
-        ],
-    ]
+            v * w,
+        ];
+        // The function of s and q, its derivatives by s and q, and by s twice.
+        let edge = |s: T, q: T| {
+            let s2 = s * s;
+            [
+                twelfth * (s2 * s * (two - s) + two * q * (s2 + q)),
+                sixth * s * (three * s - two * s2 + two * q),
+                sixth * (s2 + two * q),
+                s - s2 + third * q,
+            ]
+        };
+        // Opposite the corner whose coordinate is 1 − s, if s has no derivative by y: then x is one of the coordinates
+        // and w the other. The derivatives are by x, y, xx, xy and yy.
+        let beside_w = |s: T, y: T| {
+            let [value, by_s, by_q, by_ss] = edge(s, y * w);
+            let across = w - y;
+            [
+                value,
+                minus(by_s + y * by_q),
+                across * by_q,
+                by_ss + third * y * (two * s + y),
+                minus(third * across * (s + y) + by_q),
+                third * across * across - two * by_q,
+            ]
+        };
+        let [p1, v1, u1, vv1, uv1, uu1] = beside_w(from_v, u);
+        let [p9, by_s, by_q, by_ss] = edge(s, u * v);
+        Self {
+            cubes,
+            turn_w,
+            turn_u: turn(cubes[1], v),
+            turn_v: turn(cubes[2], u),
+            opposite: [
+                [p1, u1, v1, uu1, uv1, vv1],
+                beside_w(from_u, v),
+                [
+                    p9,
+                    by_s + v * by_q,
+                    by_s + u * by_q,
+                    by_ss + third * v * (two * s + v),
+                    by_ss + third * (s * s + u * v) + by_q,
+                    by_ss + third * u * (two * s + u),
+                ],
+            ],
+        }
+    }
 }
 
 /// Weights of all points of a bicubic patch for the position.
@@ -160,16 +145,28 @@ pub(super) fn bicubic_weights(u: f64, v: f64) -> [f64; 16] {
 
 /// Weights of all points of a quartic box spline patch for the position.
 pub(super) fn box_spline_weights(u: f64, v: f64) -> [f64; 12] {
+    let at = BoxSpline::<f64>::at(u, v);
     let mut out = [0.0; 12];
-    [out[4], out[5], out[8]] = [1.0 - u - v, u, v];
-    for (slot, [weight, ..]) in AROUND.into_iter().zip(box_spline::<f64>(u, v)) {
-        // The point's own coordinates: minus what the corners would make there.
-        let [x, y] = LATTICE[slot];
-        out[slot] = weight;
-        out[4] -= weight * (1.0 - x - y);
-        out[5] -= weight * x;
-        out[8] -= weight * y;
+    let turns = [at.turn_w[0], at.turn_u[0], at.turn_v[0]];
+    for (([first, second], cube), turn) in [[0, 3], [2, 6], [10, 11]]
+        .into_iter()
+        .zip(at.cubes)
+        .zip(turns)
+    {
+        out[first] = cube[0] - turn;
+        out[second] = turn;
     }
+    for (slot, weights) in [1, 7, 9].into_iter().zip(at.opposite) {
+        out[slot] = weights[0];
+    }
+    // The corners': what the plane has, minus what they would make at the other points.
+    let mut corners = [1.0 - u - v, u, v];
+    for (weight, [x, y]) in out.into_iter().zip(LATTICE) {
+        corners[0] -= weight * (1.0 - x - y);
+        corners[1] -= weight * x;
+        corners[2] -= weight * y;
+    }
+    [out[4], out[5], out[8]] = corners;
     out
 }
 
@@ -266,7 +263,28 @@ mod tests {
     #[test]
     fn closed_forms_are_the_functions_of_the_table() {
         for [u, v] in PLACES {
-            for (slot, found) in AROUND.into_iter().zip(box_spline::<f64>(u, v)) {
+            let at = BoxSpline::<f64>::at(u, v);
+            let [w2, u2, v2] = at.cubes;
+            let [p, d, s] = w2;
+            let cube_w = [p, -d, -d, s, s, s];
+            let cube_u = [u2[0], u2[1], 0.0, u2[2], 0.0, 0.0];
+            let cube_v = [v2[0], 0.0, v2[1], 0.0, 0.0, v2[2]];
+            let [p, du, dv, duu, duv] = at.turn_u;
+            let turn_u = [p, du, dv, duu, duv, 0.0];
+            let [p, dv, du, dvv, duv] = at.turn_v;
+            let turn_v = [p, du, dv, 0.0, duv, dvv];
+            let less = |a: [f64; 6], b: [f64; 6]| std::array::from_fn(|i| a[i] - b[i]);
+            for (slot, found) in [
+                (0, less(cube_w, at.turn_w)),
+                (3, at.turn_w),
+                (2, less(cube_u, turn_u)),
+                (6, turn_u),
+                (10, less(cube_v, turn_v)),
+                (11, turn_v),
+                (1, at.opposite[0]),
+                (7, at.opposite[1]),
+                (9, at.opposite[2]),
+            ] {
                 let expected = tabulated(slot, u, v);
                 for i in 0..6 {
                     let off = (found[i] - expected[i]).abs();

@@ -29,7 +29,7 @@ use super::patch::{self, FirstOrder, LimitPoint, PatchKind, Real};
 use super::plan::{Node, Plan, STORED_SPLITS};
 use super::ring::Ring;
 use super::stencils::Stencils;
-use super::step::{Shape, Steps};
+use super::step::{Descent, Shape, Steps};
 use crate::mesh::{ControlMesh, FaceVaryingInterpolation, Primvar};
 
 pub use leaves::BezierLeaf;
@@ -277,7 +277,7 @@ impl LimitSurface {
         debug_assert!(level > STORED_SPLITS);
         let corner = corner_at(self.kind, u, v)?;
         let place = self.find(face, u, v);
-        let Part::Split(mut step) = place.part else {
+        let Part::Split(step) = place.part else {
             return None;
         };
         let width = field.width;
@@ -287,17 +287,19 @@ impl LimitSurface {
             .iter()
             .flat_map(|&i| place.value(field, i).iter().map(|x| x.get()))
             .collect();
+        let mut descent = Descent::new(&self.steps, step);
         for _ in place.level..level {
-            let split = self.steps.get(step);
+            let split = descent.step();
             run(&split.rows, width, &mut points);
             let Shape::Split { step: next, ring } = &split.children[corner] else {
                 return None;
             };
             points = pick(&points, width, ring);
-            step = *next;
+            let next = *next;
+            descent.enter(next);
             size *= 2.0;
         }
-        let mask = self.steps.get(step).masks.get(corner)?.as_ref()?;
+        let mask = descent.step().masks.get(corner)?.as_ref()?;
         let sum = |row: &[f64]| weigh(row, &points, width);
         let limit = &mask.limit;
         let tangents = [&limit.tangents[0], &limit.tangents[1]]
@@ -412,7 +414,7 @@ impl LimitSurface {
         let size = ring.vertices.len() as u32;
         let own: Vec<u32> = (0..size).collect();
         let mut program = Stencils::with_capacity(0);
-        let shape = self.steps.shape(ring, &own, &mut |terms| {
+        let shape = self.steps.shape(ring, 0, &own, &mut |terms| {
             for (point, weight) in terms {
                 program.add(point, weight);
             }
@@ -491,15 +493,16 @@ impl LimitSurface {
     /// Repeats a step until (u, v) lies in a patch. `points` are those of the step's ring.
     fn descend(
         &self,
-        mut step: u32,
+        step: u32,
         mut points: Vec<f64>,
         width: usize,
         mut u: f64,
         mut v: f64,
     ) -> Found {
         let mut size = [1.0; 2];
+        let mut descent = Descent::new(&self.steps, step);
         for splits in 0.. {
-            let split = self.steps.get(step);
+            let split = descent.step();
             debug_assert!(splits < 200, "steps that never settle");
             if let Some(corner) = corner_at(self.kind, u, v)
                 && let Some(limit) = split.limits.get(corner).and_then(Option::as_ref)
@@ -534,7 +537,8 @@ impl LimitSurface {
                 }
                 Shape::Split { step: next, ring } => {
                     points = pick(ring);
-                    step = *next;
+                    let next = *next;
+                    descent.enter(next);
                 }
             }
         }

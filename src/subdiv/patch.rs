@@ -4,7 +4,7 @@
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
-use super::basis;
+use super::basis::{self, BoxSpline};
 use crate::math::{DVec3, DVec4, Vec4};
 
 /// A floating-point type to store and evaluate in: single for rendering, double for reference.
@@ -295,29 +295,40 @@ fn bicubic<T: Real, const SECOND: bool>(points: [T::Lanes; 16], u: f64, v: f64) 
     ]
 }
 
-/// The plane of the corners, and the other points' offsets from it: see [`basis::box_spline`].
+/// The plane of the corners, and the other points' offsets from it: see [`BoxSpline`].
 #[inline(always)]
 fn box_spline<T: Real, const SECOND: bool>(p: [T::Lanes; 12], u: f64, v: f64) -> [T::Lanes; 6] {
+    let at = BoxSpline::<T>::at(u, v);
     let [a, b, c] = [p[4], p[5], p[8]];
     let (ab, ac, cb) = (b - a, c - a, b - c);
-    let offsets = [
-        p[0] - a + ac,
-        p[1] - b + ac,
-        p[2] - b - cb,
-        p[3] - a + ab,
-        p[6] - b - ab,
-        p[7] - c + ab,
-        p[9] - b - ac,
-        p[10] - c + cb,
-        p[11] - c - ac,
-    ];
+    let orders = if SECOND { 6 } else { 3 };
     let zero = T::Lanes::default();
-    let position = a + ab * T::of(u) + ac * T::of(v);
-    let mut out = [position, ab, ac, zero, zero, zero];
-    for (offset, weights) in offsets.into_iter().zip(basis::box_spline::<T>(u, v)) {
-        for order in 0..if SECOND { 6 } else { 3 } {
-            out[order] = out[order] + offset * weights[order];
+    let mut out = [a + ab * T::of(u) + ac * T::of(v), ab, ac, zero, zero, zero];
+    // What is 0 is left out.
+    let mut add = |offset: T::Lanes, weights: &[T], places: &[usize]| {
+        for (&weight, &order) in weights.iter().zip(places) {
+            if order < orders {
+                out[order] = out[order] + offset * weight;
+            }
         }
-    }
-    out
+    };
+    add(p[1] - b + ac, &at.opposite[0], &[0, 1, 2, 3, 4, 5]);
+    add(p[7] - c + ab, &at.opposite[1], &[0, 1, 2, 3, 4, 5]);
+    add(p[9] - b - ac, &at.opposite[2], &[0, 1, 2, 3, 4, 5]);
+    add(p[3] - p[0] + cb, &at.turn_w, &[0, 1, 2, 3, 4, 5]);
+    add(p[6] - p[2] - ac, &at.turn_u, &[0, 1, 2, 3, 4]);
+    add(p[11] - p[10] - ab, &at.turn_v, &[0, 2, 1, 5, 4]);
+    add(p[2] - b - cb, &at.cubes[1], &[0, 1, 3]);
+    add(p[10] - c + cb, &at.cubes[2], &[0, 2, 5]);
+    let offset = p[0] - a + ac;
+    let [value, slope, bend] = at.cubes[0].map(|x| offset * x);
+    let [position, du, dv, duu, duv, dvv] = out;
+    [
+        position + value,
+        du - slope,
+        dv - slope,
+        duu + bend,
+        duv + bend,
+        dvv + bend,
+    ]
 }

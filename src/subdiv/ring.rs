@@ -119,6 +119,18 @@ impl Ring {
         self.cage.topology.corners(0).len() as u32
     }
 
+    /// Bytes held.
+    pub(super) fn memory(&self) -> usize {
+        let cage = &self.cage;
+        size_of::<Self>()
+            + cage.topology.memory()
+            + size_of_val(cage.edge_sharpness.as_slice())
+            + size_of_val(cage.vertex_sharpness.as_slice())
+            + size_of_val(cage.hole.as_slice())
+            + size_of_val(cage.halves.as_slice())
+            + size_of_val(self.vertices.as_slice())
+    }
+
     /// Everything that decides about the limit surface but the points: equal keys mean equal weights.
     pub(super) fn key(&self) -> Vec<u32> {
         let topology = &self.cage.topology;
