@@ -63,6 +63,11 @@ pub trait Base: Send + Sync {
     /// The limit point at `uv` in 0..1, at a motion key.
     fn evaluate(&self, face: u32, uv: Vec2, key: u32) -> LimitPoint;
 
+    /// The same without second derivatives, which are left 0. Override where that is faster.
+    fn first_order(&self, face: u32, uv: Vec2, key: u32) -> LimitPoint {
+        self.evaluate(face, uv, key)
+    }
+
     /// Points and first derivatives at all pairs of `us` and `vs`, u running faster. The parameters lie in 0..1 in any
     /// order; `out` is made to fit. Override with a kernel that shares work between the points: dicing lives on it.
     fn evaluate_grid(&self, face: u32, us: &[f32], vs: &[f32], key: u32, out: &mut LimitGrid) {

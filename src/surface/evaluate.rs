@@ -43,7 +43,7 @@ pub struct DisplacedPoint {
     /// The displaced surface's unit normal, to the front; the limit surface's where the displaced one has none, and
     /// zero where neither has one.
     pub normal: Vec3,
-    /// The limit point under it.
+    /// The limit point under it; its second derivatives may be missing where the surface is not displaced.
     pub limit: LimitPoint,
 }
 
@@ -95,6 +95,18 @@ impl Surface {
     /// The displaced point of a face at parameters `uv`, at a motion key. On edges this is the face's own side; what
     /// faces share is in [`SharedSamples`](super::SharedSamples).
     pub fn evaluate(&self, face: u32, uv: Vec2, key: u32) -> DisplacedPoint {
+        if matches!(self.displacement, Displacement::None) {
+            let limit = self.base.first_order(face, uv, key);
+            if let Some(n) = unit_cross(limit.du.as_dvec3(), limit.dv.as_dvec3()) {
+                return DisplacedPoint {
+                    position: limit.position,
+                    du: limit.du,
+                    dv: limit.dv,
+                    normal: self.front * n,
+                    limit,
+                };
+            }
+        }
         let limit = self.base.evaluate(face, uv, key);
         let n = unit_normal(&limit, uv, self.front);
         let mut point = DisplacedPoint {

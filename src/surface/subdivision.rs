@@ -162,24 +162,34 @@ impl Subdivision {
             return;
         }
         out.resize(us.len() * vs.len());
-        let part = &self.parts[face as usize];
         for (row, &v) in vs.iter().enumerate() {
             for (column, &u) in us.iter().enumerate() {
-                let placed = part.shape.place(Vec2::new(u, v));
-                let p = limit.first_order(field, part.ptex, placed.uv[0], placed.uv[1]);
-                let [position, du, dv] = [p.position, p.du, p.dv].map(Vec3::from);
-                let point = LimitPoint {
-                    position,
-                    du,
-                    dv,
-                    ..LimitPoint::default()
-                };
-                let point = match part.shape {
-                    Shape::Whole => point,
-                    _ => placed.pull_back(&point),
-                };
+                let point = self.first_order_of(limit, field, face, Vec2::new(u, v));
                 out.set(row * us.len() + column, &point);
             }
+        }
+    }
+
+    fn first_order_of(
+        &self,
+        limit: &LimitSurface,
+        field: &Field<f32>,
+        face: u32,
+        uv: Vec2,
+    ) -> LimitPoint {
+        let part = &self.parts[face as usize];
+        let placed = part.shape.place(uv);
+        let p = limit.first_order(field, part.ptex, placed.uv[0], placed.uv[1]);
+        let [position, du, dv] = [p.position, p.du, p.dv].map(Vec3::from);
+        let point = LimitPoint {
+            position,
+            du,
+            dv,
+            ..LimitPoint::default()
+        };
+        match part.shape {
+            Shape::Whole => point,
+            _ => placed.pull_back(&point),
         }
     }
 
@@ -278,6 +288,13 @@ impl Base for Subdivision {
 
     fn evaluate(&self, face: u32, uv: Vec2, key: u32) -> LimitPoint {
         self.limit_point(&self.limit, &self.points[key as usize], face, uv)
+    }
+
+    fn first_order(&self, face: u32, uv: Vec2, key: u32) -> LimitPoint {
+        if self.is_hole(face) {
+            return LimitPoint::default();
+        }
+        self.first_order_of(&self.limit, &self.points[key as usize], face, uv)
     }
 
     fn evaluate_grid(&self, face: u32, us: &[f32], vs: &[f32], key: u32, out: &mut LimitGrid) {
