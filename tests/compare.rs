@@ -9,7 +9,6 @@ use relievo::surface::{
     Amount, Diced, Displacement, Function, Rates, Subdivision, Surface, UvRect,
 };
 use relievo::world::Method;
-use serde_json::Value;
 
 use crate::common::program::Bench;
 
@@ -145,7 +144,7 @@ fn displaced_creased_cages_of_any_faces_are_tight_and_bounded() {
 fn verify_finds_one_surface_by_all_methods() {
     let bench = Bench::new();
     bench.write("house.usda", HOUSE);
-    let arguments = [
+    let report = bench.report(&[
         "verify",
         "house.usda",
         "--json",
@@ -153,10 +152,7 @@ fn verify_finds_one_surface_by_all_methods() {
         "20000",
         "--micro-triangles",
         "60000",
-    ];
-    let output = bench.command(&arguments).output().expect("it runs");
-    assert!(output.status.success(), "{output:?}");
-    let report: Value = serde_json::from_slice(&output.stdout).expect("one object");
+    ]);
     assert_eq!(report["scene"], "house.usda");
     let rows = report["rows"].as_array().expect("rows");
     // Each method against two references, but Embree's own against fine triangles only.
@@ -179,7 +175,7 @@ fn verify_finds_one_surface_by_all_methods() {
 fn bench_reports_every_method() {
     let bench = Bench::new();
     bench.write("house.usda", HOUSE);
-    let arguments = [
+    let report = bench.report(&[
         "bench",
         "house.usda",
         "--json",
@@ -189,10 +185,7 @@ fn bench_reports_every_method() {
         "2000",
         "--methods",
         "embree-triangles,tessellated",
-    ];
-    let output = bench.command(&arguments).output().expect("it runs");
-    assert!(output.status.success(), "{output:?}");
-    let report: Value = serde_json::from_slice(&output.stdout).expect("one object");
+    ]);
     assert!(report["machine"]["threads"].is_u64(), "{report}");
     let rows = report["rows"].as_array().expect("rows");
     let methods: Vec<&str> = rows

@@ -329,6 +329,40 @@ fn embree_averages_the_sharpness_of_two_creases() {
     assert!(as_embree.worst() < 1e-5, "{}", as_embree.worst());
 }
 
+/// Beside an infinite crease the other's average is infinite too: the point stays on a crease for ever.
+#[test]
+fn embree_makes_a_crease_beside_an_infinite_one_infinite() {
+    let mesh = ControlMesh {
+        creases: vec![crease(4, 5, Crease::INFINITE), crease(5, 6, 1.0)],
+        ..cube()
+    };
+    let p = mesh.points[0].clone();
+    let on_crease = (p[4] + 4.0 * p[5] + p[6]) / 6.0;
+    let both = Both::new(&device(), mesh).expect("taken");
+    // Point 5 is the second corner of the top.
+    let [ours, embrees] =
+        [both.ours(5, Vec2::X), both.embrees(5, Vec2::X)].map(|p| p.distance(on_crease));
+    assert!(ours > 0.05 && embrees < 1e-3, "{ours} {embrees}");
+}
+
+/// The first to end leaves two alike, which no average changes: whatever differs is from where three meet.
+#[test]
+fn embree_averages_no_sharpness_where_three_creases_meet() {
+    let device = device();
+    let uniform = ControlMesh {
+        creases: vec![crease(5, 1, 2.0), crease(5, 4, 4.0), crease(5, 6, 4.0)],
+        ..cube()
+    };
+    let chaikin = ControlMesh {
+        crease_method: CreaseMethod::Chaikin,
+        ..uniform.clone()
+    };
+    let same = Both::new(&device, chaikin.clone()).expect("taken");
+    let as_embree = Both::against(&device, uniform, chaikin).expect("taken");
+    assert!(same.worst() > SAME, "{}", same.worst());
+    assert!(as_embree.worst() < 1e-5, "{}", as_embree.worst());
+}
+
 /// The largest step of ours and of Embree's surface when a sharpness goes from none to nearly none.
 fn jumps(without: ControlMesh, with: ControlMesh) -> [f32; 2] {
     let device = device();
@@ -401,28 +435,83 @@ fn to_embree_smooth_triangles_are_any_faces() {
     assert!(as_embree.worst() < 1e-5, "{}", as_embree.worst());
 }
 
+const LINE: [Vec3; 3] = [
+    Vec3::new(0.0, 0.0, -1.0),
+    Vec3::ZERO,
+    Vec3::new(0.5, 0.0, 1.0),
+];
+
 /// Three strips of two quads each that share a bent line.
-#[test]
-fn embree_pins_the_points_of_an_edge_of_three_faces() {
-    let line = [
-        Vec3::new(0.0, 0.0, -1.0),
-        Vec3::ZERO,
-        Vec3::new(0.5, 0.0, 1.0),
-    ];
-    let beside = [Vec3::X, Vec3::Y, -Vec3::X].map(|aside| line.map(|p| p + aside));
-    let points = line.into_iter().chain(beside.concat()).collect();
+fn strips() -> ControlMesh {
+    let beside = [Vec3::X, Vec3::Y, -Vec3::X].map(|aside| LINE.map(|p| p + aside));
+    let points = LINE.into_iter().chain(beside.concat()).collect();
     let faces: Vec<[u32; 4]> = [3, 6, 9]
         .into_iter()
         .flat_map(|b| [[0, 1, b + 1, b], [1, 2, b + 2, b + 1]])
         .collect();
-    let both = Both::new(&device(), quads(&faces, points)).expect("taken");
+    quads(&faces, points)
+}
+
+#[test]
+fn embree_pins_the_points_of_an_edge_of_three_faces() {
+    let both = Both::new(&device(), strips()).expect("taken");
     // The second corner of each first quad is the line's middle.
     let at = Vec2::X;
     for face in [0, 2, 4] {
-        let crease = (line[0] + 4.0 * line[1] + line[2]) / 6.0;
+        let crease = (LINE[0] + 4.0 * LINE[1] + LINE[2]) / 6.0;
         assert!(both.ours(face, at).distance(crease) < 1e-6);
-        assert!(both.embrees(face, at).distance(line[1]) < 1e-4);
+        assert!(both.embrees(face, at).distance(LINE[1]) < 1e-4);
     }
+}
+
+/// The edge between the two quads of a strip follows one of three faces in the first quad.
+#[test]
+fn embree_sharpens_the_edge_after_one_of_three_faces() {
+    let both = Both::new(&device(), strips()).expect("taken");
+    let sides = [(2, Vec2::new(1.0, 0.25)), (3, Vec2::new(0.0, 0.25))];
+    let ours = sides.map(|(face, uv)| {
+        let [u, v] = uv.to_array().map(f64::from);
+        let p = both.limit.evaluate(&both.points, face, u, v);
+        [p.du, p.dv].map(|d| Vec3::from(d.map(|x| x as f32)))
+    });
+    let embrees = sides.map(|(face, uv)| {
+        let p = both.embree.geometry(0).surface_point(face, uv, 0.0);
+        [p.du, p.dv]
+    });
+    let [ours, embrees] = [ours, embrees].map(|sides| {
+        let [a, b] = sides.map(|[du, dv]| du.cross(dv));
+        a.angle_between(b).to_degrees()
+    });
+    assert!(ours < 0.1 && embrees > 3.0, "{ours} {embrees}");
+}
+
+/// A sheet of 3 by 3 quads of which the middle one is wound the other way; `apart` with points of its own.
+fn sheet_with_a_turned_face(apart: bool) -> ControlMesh {
+    let grid = (0..16).map(|i| {
+        let (x, y) = ((i % 4) as f32, (i / 4) as f32);
+        Vec3::new(x, y, (x * y * 1.7).sin())
+    });
+    let mut points: Vec<Vec3> = grid.collect();
+    let mut faces: Vec<[u32; 4]> = [0, 1, 2, 4, 5, 6, 8, 9, 10]
+        .map(|i| [i, i + 1, i + 5, i + 4])
+        .to_vec();
+    faces[4].reverse();
+    if apart {
+        points.extend(faces[4].map(|v| points[v as usize]));
+        faces[4] = [16, 17, 18, 19];
+    }
+    quads(&faces, points)
+}
+
+#[test]
+fn to_embree_faces_that_run_an_edge_the_same_way_are_not_joined() {
+    let device = device();
+    let [joined, apart] = [false, true].map(sheet_with_a_turned_face);
+    let same = Both::new(&device, joined.clone()).expect("taken");
+    let as_embree = Both::against(&device, apart, joined).expect("taken");
+    assert!(same.worst() > 10.0 * SAME, "{}", same.worst());
+    // Around the gap three faces meet: there Embree's patches are but close to the limit.
+    assert!(as_embree.worst() < 2e-4, "{}", as_embree.worst());
 }
 
 /// A cube with one more point amid its top, joined to two of the corners: its mirror image by the plane x = -y is itself.

@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use super::Fineness;
 use crate::error::Result;
-use crate::math::{Affine3A, Ray, Vec3};
+use crate::math::{Affine3A, Ray, Vec2, Vec3};
 use crate::shade::camera::Camera;
-use crate::surface::{Dicing, Places, Rates, Surface};
-use crate::trace::{Device, Scene, SceneBuilder, SceneHit, SceneOptions};
+use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
+use crate::trace::{Device, Scene, SceneBuilder, SceneHit, SceneOptions, face_uv, sub_face_of};
 use crate::world::{HitPlaces, Method, Object};
 
 /// An object of the scene at the fineness asked for.
@@ -63,11 +63,12 @@ impl Prepared {
     /// Builds a method's scene of this mesh alone.
     pub(super) fn build(&self, method: Method, rates: &Rates, device: &Device) -> Result<Traced> {
         let object = &self.object;
-        let (geometry, places, mut bytes) = if method == Method::EmbreeSubdivision {
-            (object.embree_subdivision(rates, device)?, None, 0)
+        let (geometry, numbering, mut bytes) = if method == Method::EmbreeSubdivision {
+            let (geometry, base) = object.embree_subdivision(rates, device)?;
+            (geometry, Numbering::Embrees(base), 0)
         } else {
             let built = method.build(&object.surface, rates, device)?;
-            (built.geometry, Some(built.places), built.bytes)
+            (built.geometry, Numbering::Ours(built.places), built.bytes)
         };
         bytes += geometry.memory();
         let options = SceneOptions {
@@ -78,7 +79,7 @@ impl Prepared {
         builder.attach(geometry);
         Ok(Traced {
             scene: Arc::new(builder.commit(&|_| true)?),
-            places,
+            numbering,
             surface: object.surface.clone(),
             bytes,
         })
@@ -88,28 +89,68 @@ impl Prepared {
 /// A surface built for a method.
 pub(super) struct Traced {
     pub(super) scene: Arc<Scene>,
-    /// None for Embree's subdivision.
-    places: Option<HitPlaces>,
+    numbering: Numbering,
     surface: Arc<Surface>,
     /// Held beside Embree's.
     pub(super) bytes: usize,
 }
 
+/// How hits number faces.
+enum Numbering {
+    /// As our surfaces do.
+    Ours(HitPlaces),
+    /// As cages do: Embree's subdivision knows nothing of their parts.
+    Embrees(Arc<Subdivision>),
+}
+
+/// A point of the smooth displaced surface.
+pub(super) struct Smooth {
+    pub(super) position: Vec3,
+    /// Of unit length, or zero where there is none.
+    pub(super) normal: Vec3,
+}
+
 impl Traced {
-    /// The unit normal of the smooth displaced surface at a hit.
-    pub(super) fn normal(&self, hit: &SceneHit) -> Vec3 {
-        let Some(places) = &self.places else {
-            let geometry = self.scene.geometry(hit.geometry);
-            let point = geometry.displaced_point(hit.primitive, hit.uv, 0.0);
-            let sign = if self.surface.base().left_handed() {
-                -1.0
-            } else {
-                1.0
-            };
-            return sign * point.du.cross(point.dv).normalize_or_zero();
-        };
-        let (face, uv) = places.face_uv(hit);
-        self.surface.evaluate(face, uv, 0).normal
+    /// The surface's face, as ours are numbered, and the parameters on it.
+    pub(super) fn place(&self, hit: &SceneHit) -> (u32, Vec2) {
+        match &self.numbering {
+            Numbering::Ours(places) => places.face_uv(hit),
+            Numbering::Embrees(base) => {
+                if base.is_quad(hit.primitive) {
+                    base.of_cage(hit.primitive, None, hit.uv)
+                } else {
+                    let (corner, uv) = sub_face_of(hit.uv);
+                    base.of_cage(hit.primitive, Some(corner), uv)
+                }
+            }
+        }
+    }
+
+    /// The smooth displaced surface at a place, as the method has it.
+    pub(super) fn smooth(&self, (face, uv): (u32, Vec2)) -> Smooth {
+        match &self.numbering {
+            Numbering::Ours(_) => {
+                let point = self.surface.evaluate(face, uv, 0);
+                Smooth {
+                    position: point.position,
+                    normal: point.normal,
+                }
+            }
+            Numbering::Embrees(base) => {
+                let (face, corner, uv) = base.on_cage(face, uv);
+                let uv = corner.map_or(uv, |corner| face_uv(corner, uv));
+                let point = self.scene.geometry(0).displaced_point(face, uv, 0.0);
+                let front = if self.surface.base().left_handed() {
+                    -1.0
+                } else {
+                    1.0
+                };
+                Smooth {
+                    position: point.position,
+                    normal: front * point.du.cross(point.dv).normalize_or_zero(),
+                }
+            }
+        }
     }
 
     /// The distance to the nearest point along a line, either way, and the hit there.
@@ -140,4 +181,59 @@ pub(super) fn together(
         }
     }
     builder.commit(&|_| true)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::compare::random::Random;
+    use crate::error::Warnings;
+    use crate::scene::{LoadOptions, obj};
+    use crate::trace::DeviceOptions;
+    use crate::world;
+
+    const CUBE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\n\
+                        f 1 4 3 2\nf 1 2 6 5\nf 3 4 8 7\n";
+    /// Quads alone.
+    const FLAT_ROOF: &str = "f 2 3 7 6\nf 4 1 5 8\nf 5 6 7 8\n";
+    /// Two gables of five sides, two slopes, and a ridge of two points.
+    const GABLES: &str = "v -1 0 2\nv 1 0 2\nf 2 3 7 10 6\nf 4 1 5 9 8\nf 5 6 10 9\nf 9 10 7 8\n";
+
+    #[test]
+    fn a_hits_place_is_the_same_place_by_every_method() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("catmark_house.obj");
+        let device = Device::new(&DeviceOptions::default()).expect("a device");
+        for roof in [FLAT_ROOF, GABLES] {
+            std::fs::write(&path, format!("{CUBE}{roof}")).expect("the folder takes files");
+            let scene = obj::load(&path, &LoadOptions::default()).expect("a house");
+            let objects = world::objects(&scene, &mut Warnings::default()).expect("a surface");
+            let fineness = Fineness::MicroTriangles(20_000);
+            let prepared = prepare(objects, fineness, &|| {
+                unreachable!("no pixels are asked for")
+            })
+            .expect("rates")
+            .remove(0);
+            let all = Method::ALL.map(|method| {
+                let traced = prepared.build(method, &prepared.rates, &device);
+                traced.expect("Embree takes it")
+            });
+            let mut random = Random::new(1);
+            for _ in 0..300 {
+                let ray = Ray::new(Vec3::new(0.0, 0.0, 0.7), random.direction(), 0.0);
+                for traced in &all {
+                    let hit = traced.scene.intersect(&ray).expect("it is closed");
+                    let place = traced.place(&hit);
+                    for other in &all {
+                        let apart = other.smooth(place).position.distance(ray.at(hit.t));
+                        // Facets are this close; a wrong part of the face is a hundred times as far.
+                        assert!(
+                            apart < 1e-3 * prepared.object.diagonal(),
+                            "{apart} at {place:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
 }

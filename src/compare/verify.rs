@@ -1,9 +1,12 @@
 //! Whether all methods see the same surface.
 //!
 //! Rays come from a sphere around each mesh and aim into its box. Where a ray meets the method's surface, the distance
-//! to the reference is measured along the method's normal there, not along the ray: a ray that grazes both surfaces
-//! would tell of its own slope. Normals are those of the smooth surfaces, compared where that distance ends. Leaks are
-//! rays that leave a closed mesh from within: from halfway between the points where a ray enters and leaves it.
+//! to the reference is the least of three, each of them as long as the true one or longer: along the ray, which tells of
+//! its own slope where it grazes; along the method's normal, which may miss the sheet that is meant and meet another;
+//! and to the reference's point of the same face and parameters, which may have slid along the surface. Normals are
+//! those of the smooth surfaces, compared where the method's normal meets the reference or, where that faces away, at the
+//! same face and parameters, if either is close by. Leaks are rays that leave a closed mesh from within: from halfway
+//! between the points where a ray enters and leaves it.
 
 use rayon::prelude::*;
 use serde::Serialize;
@@ -208,19 +211,34 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
     let [Some(hit), Some(other)] = hits else {
         return found;
     };
-    let normal = traced.normal(&hit);
-    let along = (hit.t - other.t).abs();
+    let (p, place) = (ray.at(hit.t), traced.place(&hit));
+    let normal = traced.smooth(place).normal;
     let probe = (normal != Vec3::ZERO)
-        .then(|| reference.probe(ray.at(hit.t), normal))
+        .then(|| reference.probe(p, normal))
         .flatten();
-    let distance = f64::from(probe.map_or(along, |(d, _)| d.min(along)) / diagonal);
+    let same = reference.smooth(place);
+    let distances = [
+        Some((hit.t - other.t).abs()),
+        probe.map(|(d, _)| d),
+        Some(same.position.distance(p)),
+    ];
+    // Where a point is not a number, it is not the least either.
+    let least = distances.into_iter().flatten().fold(f32::MAX, f32::min);
+    let distance = f64::from(least / diagonal);
     found.measured = 1;
     found.max = distance;
     found.squares = distance * distance;
-    if let Some((d, there)) = probe
-        && d < SAME_PLACE * diagonal
+    // What faces away is another sheet, or one that has slid: then only equal parameters can tell.
+    let is_near = |d: f32| d < SAME_PLACE * diagonal;
+    let met = probe
+        .filter(|&(d, _)| is_near(d))
+        .map(|(_, hit)| reference.smooth(reference.place(&hit)).normal)
+        .filter(|met| met.dot(normal) >= 0.0);
+    let beside = is_near(same.position.distance(p)).then_some(same.normal);
+    if let Some(other) = met.or(beside)
+        && normal != Vec3::ZERO
     {
-        let cos = f64::from(normal.dot(reference.normal(&there)));
+        let cos = f64::from(normal.dot(other));
         found.degrees = cos.clamp(-1.0, 1.0).acos().to_degrees();
     }
     found

@@ -164,6 +164,23 @@ impl Shape {
         }
     }
 
+    /// The corner of the quad whose quarter holds parameters of the quad, and those on the quarter.
+    pub(super) fn quarter_at(uv: Vec2) -> (u8, Vec2) {
+        let corner = match [uv.x > 0.5, uv.y > 0.5] {
+            [false, false] => 0,
+            [true, false] => 1,
+            [true, true] => 2,
+            [false, true] => 3,
+        };
+        let [origin, du, dv] =
+            QUARTERS[usize::from(corner)].map(|x| Vec2::from(x.map(|x| x as f32)));
+        // Both directions are half a unit long.
+        (
+            corner,
+            4.0 * Vec2::new(du.dot(uv - origin), dv.dot(uv - origin)),
+        )
+    }
+
     /// The smallest rectangle of the Ptex face around a rectangle of the part; rounded by less than 1e-15.
     pub(super) fn place_rect(self, min: Vec2, max: Vec2) -> [[f64; 2]; 2] {
         // A bilinear map takes a rectangle to the quad of its corners.
@@ -212,6 +229,16 @@ impl Placed {
 mod tests {
     use super::*;
     use crate::surface::edge_uv;
+
+    #[test]
+    fn quarters_are_found_again() {
+        for corner in 0..4 {
+            for uv in [Vec2::new(0.25, 0.75), Vec2::new(0.5, 0.125), Vec2::ZERO] {
+                let of_quad = Shape::Quarter(corner).place(uv).uv.map(|x| x as f32);
+                assert_eq!(Shape::quarter_at(Vec2::from(of_quad)), (corner, uv));
+            }
+        }
+    }
 
     #[test]
     fn parts_meet_in_parameters() {

@@ -1,7 +1,7 @@
 //! A subdivision surface as a [`Base`]: limit points, texture coordinates and certified boxes of a [`LimitSurface`].
 //!
 //! Faces are Ptex faces, or the [parts](super::parts) of them where a mesh has faces that are not quads;
-//! [`Subdivision::ptex_uv`] goes back. Where a face is one polynomial patch, grids come from its Bezier form; elsewhere
+//! [`Subdivision::on_cage`] goes back. Where a face is one polynomial patch, grids come from its Bezier form; elsewhere
 //! each point is evaluated alone, without second derivatives.
 
 use super::Bicubic;
@@ -80,10 +80,46 @@ impl Subdivision {
         }
     }
 
-    /// The Ptex face and the parameters on it of a point of a face.
-    pub fn ptex_uv(&self, face: u32, uv: Vec2) -> (u32, [f64; 2]) {
+    /// Whether a face of the cage is one Ptex face with four sides.
+    pub fn is_quad(&self, cage_face: u32) -> bool {
+        let first = &self.parts[self.first_part(cage_face) as usize];
+        !self.is_cut || matches!(first.shape, Shape::Quarter(_))
+    }
+
+    /// Where a point of a face is on the cage: the cage's face, the corner at which its sub-face lies if it is no quad,
+    /// and the Ptex parameters there.
+    pub fn on_cage(&self, face: u32, uv: Vec2) -> (u32, Option<u32>, Vec2) {
         let part = &self.parts[face as usize];
-        (part.ptex, part.shape.place(uv).uv)
+        let parent = self.parent(face);
+        let is_sub_face = self.is_cut && part.shape == Shape::Whole;
+        let corner = is_sub_face.then(|| face - self.first_part(parent));
+        (
+            parent,
+            corner,
+            Vec2::from(part.shape.place(uv).uv.map(|x| x as f32)),
+        )
+    }
+
+    /// The face and the parameters on it of what [`on_cage`](Self::on_cage) gives, for faces that are no triangles of
+    /// Loop's.
+    pub fn of_cage(&self, cage_face: u32, corner: Option<u32>, uv: Vec2) -> (u32, Vec2) {
+        let first = self.first_part(cage_face);
+        match corner {
+            Some(corner) => (first + corner, uv),
+            None if self.is_cut => {
+                let (corner, uv) = Shape::quarter_at(uv);
+                (first + u32::from(corner), uv)
+            }
+            None => (first, uv),
+        }
+    }
+
+    fn first_part(&self, cage_face: u32) -> u32 {
+        if self.is_cut {
+            self.parents.partition_point(|&parent| parent < cage_face) as u32
+        } else {
+            cage_face
+        }
     }
 
     /// Whether faces are parts of Ptex faces, so that each edge of the cage is two.

@@ -104,11 +104,15 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
 }
 
 impl Object {
-    /// Embree's subdivision of it.
+    /// Embree's subdivision of it, and our limit surface of the same cage.
     ///
     /// # Errors
     /// If Embree cannot subdivide it.
-    pub fn embree_subdivision(&self, rates: &Rates, device: &Device) -> Result<Geometry> {
+    pub fn embree_subdivision(
+        &self,
+        rates: &Rates,
+        device: &Device,
+    ) -> Result<(Geometry, Arc<Subdivision>)> {
         let Some(cage) = &self.cage else {
             return Err(Fault::new("Embree subdivides control meshes only").into());
         };
@@ -120,7 +124,8 @@ impl Object {
             displacement: (cage.material.clone()).map(|material| by_callback(material, widths)),
             primvars: cage.needs.clone(),
         };
-        Geometry::subdivision(device, cage.mesh.clone(), options)
+        let geometry = Geometry::subdivision(device, cage.mesh.clone(), options)?;
+        Ok((geometry, cage.base.clone()))
     }
 
     /// Its box's diagonal.

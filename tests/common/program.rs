@@ -4,6 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use serde_json::Value;
+
 pub const QUAD: &str = "int[] faceVertexCounts = [4]\n    int[] faceVertexIndices = [0, 1, 2, 3]\n";
 pub const POINTS: &str = "point3f[] points = [(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]\n";
 
@@ -41,6 +43,13 @@ impl Bench {
         let mut command = Command::new(env!("CARGO_BIN_EXE_relievo"));
         command.current_dir(self.0.path()).args(arguments);
         command
+    }
+
+    /// The one JSON object that a command prints.
+    pub fn report(&self, arguments: &[&str]) -> Value {
+        let output = self.command(arguments).output().expect("the program runs");
+        assert!(output.status.success(), "{output:?}");
+        serde_json::from_slice(&output.stdout).expect("one object")
     }
 
     /// A small picture; its exit code and what it said.
