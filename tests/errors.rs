@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::common::program::{Bench, POINTS, QUAD, expect, mesh, quad};
+use crate::common::program::{Bench, POINTS, QUAD, expect, mesh, quad, said};
 
 /// A quad whose material reads a texture through `st`.
 fn textured(file: &str, st: &str) -> String {
@@ -366,8 +366,9 @@ fn what_the_command_line_cannot_mean() {
         ("--scale", "-2"),
         ("--threads", "100000"),
     ] {
-        let said = bench.render("scene.usda", &[option, value]);
-        expect(said, 2, &[option, value]);
+        let mut command = bench.command(&["render", "scene.usda", option, value]);
+        let output = command.output().expect("the program runs");
+        expect(said(&output), 2, &[option, value]);
     }
     expect(
         bench.render("scene.usda", &["--settings", "/No"]),

@@ -148,15 +148,17 @@ fn a_level_at_a_time_is_the_same() {
     ] {
         expect(subdivide(&bench, arguments), 0, &[]);
     }
-    let points = |name: &str| -> Vec<f32> {
+    let points = |name: &str| -> Vec<Vec<f32>> {
         let text = fs::read_to_string(bench.path(name)).expect("written");
         let lines = text.lines().filter_map(|line| line.strip_prefix("v "));
-        let words = lines.flat_map(|line| line.split(' ').map(|w| w.parse().expect("a number")));
-        words.collect()
+        let words = lines.map(|line| line.split(' ').map(|w| w.parse().expect("a number")));
+        words.map(Iterator::collect).collect()
     };
+    // Numbers of points follow those of the cage's edges, which are others in the middle of the way.
     let (whole, halves) = (points("whole.obj"), points("halves.obj"));
     assert_eq!(whole.len(), halves.len());
-    for (a, b) in whole.iter().zip(&halves) {
-        assert!((a - b).abs() < 1e-6, "{a} {b}");
+    for a in &whole {
+        let is_same = |b: &&Vec<f32>| a.iter().zip(*b).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(halves.iter().any(|b| is_same(&b)), "{a:?}");
     }
 }
