@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::common::program::{Bench, POINTS, QUAD, expect, mesh, quad};
+use crate::common::program::{Bench, POINTS, QUAD, expect, mesh, quad, said};
 
 /// A quad whose material reads a texture through `st`.
 fn textured(file: &str, st: &str) -> String {
@@ -297,6 +297,23 @@ fn repeated_corners_are_told() {
 }
 
 #[test]
+fn creases_without_an_edge_are_counted() {
+    let bench = Bench::new();
+    bench.write(
+        "quad.usda",
+        quad("int[] creaseIndices = [0, 1, 3, 2, 0]\n int[] creaseLengths = [5]\n float[] creaseSharpnesses = [2]"),
+    );
+    let words = ["/Quad: 2 creases have no effect", "as 1 and 3"];
+    expect(bench.render("quad.usda", &[]), 0, &words);
+    bench.write(
+        "quad.obj",
+        "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nt crease 2/1/0 0 2 3\nt crease 2/1/0 3 0 3\n",
+    );
+    let words = ["1 creases have no effect", "as 0 and 2"];
+    expect(bench.render("quad.obj", &[]), 0, &words);
+}
+
+#[test]
 fn missing_textures_are_an_error_or_magenta() {
     let bench = Bench::new();
     let st =
@@ -342,6 +359,17 @@ fn what_the_command_line_cannot_mean() {
         &["70000", "--res"],
     );
     expect(bench.render("scene.usda", &["--spp", "0"]), 2, &["--spp"]);
+    for (option, value) in [
+        ("--frame", "NaN"),
+        ("--dicing-rate", "-1"),
+        ("--dicing-rate", "NaN"),
+        ("--scale", "-2"),
+        ("--threads", "100000"),
+    ] {
+        let mut command = bench.command(&["render", "scene.usda", option, value]);
+        let output = command.output().expect("the program runs");
+        expect(said(&output), 2, &[option, value]);
+    }
     expect(
         bench.render("scene.usda", &["--settings", "/No"]),
         3,

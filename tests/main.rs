@@ -12,6 +12,7 @@ mod compare;
 mod displaced;
 mod embree_agrees;
 mod errors;
+mod eval;
 mod furnace;
 mod gprims;
 mod layers;

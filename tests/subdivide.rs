@@ -110,6 +110,7 @@ fn what_makes_no_sense_is_refused() {
     let bench = bench();
     for (arguments, code, words) in [
         ("cube.obj -o out.svg", 2, "only curves are drawn"),
+        ("cube.obj -o out.ply", 2, "out.ply"),
         ("curves.obj --limit -o out.svg", 2, "all levels"),
         ("curves.obj --boundary none -o out.obj", 2, "not for curves"),
         (
@@ -129,5 +130,35 @@ fn what_makes_no_sense_is_refused() {
     ] {
         expect(subdivide(&bench, arguments), code, &[words]);
         assert!(!bench.path("out.obj").exists(), "{arguments}");
+    }
+}
+
+/// What a level leaves to be done is in the file: two commands make what one makes.
+#[test]
+fn a_level_at_a_time_is_the_same() {
+    let bench = bench();
+    let tags = "t crease 2/1/0 0 1 2.5\nt crease 2/1/0 1 2 1.5\nt corner 1/1/0 3 1.2\nt creasemethod 0/0/1 chaikin\n\
+                t smoothtriangles 0/0/1 smooth\n";
+    let triangle = CUBE.replace("f 4 8 5 1\n", "f 4 8 5\nf 4 5 1\n");
+    bench.write("catmark_tagged.obj", format!("{triangle}{tags}"));
+    for arguments in [
+        "catmark_tagged.obj -n 2 -o whole.obj",
+        "catmark_tagged.obj -n 1 -o half.obj",
+        "half.obj -n 1 -o halves.obj",
+    ] {
+        expect(subdivide(&bench, arguments), 0, &[]);
+    }
+    let points = |name: &str| -> Vec<Vec<f32>> {
+        let text = fs::read_to_string(bench.path(name)).expect("written");
+        let lines = text.lines().filter_map(|line| line.strip_prefix("v "));
+        let words = lines.map(|line| line.split(' ').map(|w| w.parse().expect("a number")));
+        words.map(Iterator::collect).collect()
+    };
+    // Numbers of points follow those of the cage's edges, which are others in the middle of the way.
+    let (whole, halves) = (points("whole.obj"), points("halves.obj"));
+    assert_eq!(whole.len(), halves.len());
+    for a in &whole {
+        let is_same = |b: &&Vec<f32>| a.iter().zip(*b).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(halves.iter().any(|b| is_same(&b)), "{a:?}");
     }
 }

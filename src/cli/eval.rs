@@ -236,8 +236,7 @@ impl Samples {
             }
             let [face, ptex] = [0, 1].map(|c| {
                 let value = &sample[columns[c]];
-                let number = value.as_u64().and_then(|n| u32::try_from(n).ok());
-                number.ok_or_else(|| fault(format!("{value} is not the number of a face")))
+                whole(value).ok_or_else(|| fault(format!("{value} is not the number of a face")))
             });
             let (face, ptex) = (face?, ptex?);
             if face as usize >= mesh.face_count() {
@@ -267,6 +266,13 @@ impl Samples {
         };
         self.samples.iter().enumerate().map(place).collect()
     }
+}
+
+/// A whole number, also one written as by programs that keep a row in floats: `3.0`.
+fn whole(value: &Value) -> Option<u32> {
+    let number = value.as_f64()?;
+    (number.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&number))
+        .then_some(number as u32)
 }
 
 /// Position, derivatives and unit normal, as far as there are any.
@@ -299,7 +305,7 @@ const RULES: [(&str, FaceVaryingInterpolation); 6] = [
     ("allLinear", FaceVaryingInterpolation::All),
 ];
 
-/// The rules that a list names, or an object whose values are lists.
+/// The rules that a list names, or an object's keys.
 fn rules(named: &Value) -> Result<BTreeMap<String, FaceVaryingInterpolation>, Fault> {
     let names: Vec<&str> = match named {
         Value::Null => Vec::new(),
@@ -307,9 +313,10 @@ fn rules(named: &Value) -> Result<BTreeMap<String, FaceVaryingInterpolation>, Fa
             .iter()
             .map(|n| n.as_str().unwrap_or_default())
             .collect(),
+        // Numbers tell about the values and name no rule: how many were left out, how far two evaluators differ.
         Value::Object(map) => {
-            let lists = map.iter().filter(|(_, v)| v.is_array());
-            lists.map(|(name, _)| name.as_str()).collect()
+            let named = map.iter().filter(|(_, v)| !v.is_number());
+            named.map(|(name, _)| name.as_str()).collect()
         }
         _ => vec![""],
     };

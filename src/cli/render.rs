@@ -43,7 +43,12 @@ pub(crate) struct Render {
     #[arg(long, num_args = 2, value_names = ["W", "H"], help_heading = "View")]
     res: Option<Vec<u32>>,
     /// Multiply the resolution.
-    #[arg(long, default_value_t = 1.0, help_heading = "View")]
+    #[arg(
+        long,
+        default_value_t = 1.0,
+        allow_negative_numbers = true,
+        help_heading = "View"
+    )]
     scale: f32,
     /// Frame to render [default: the file's start frame]
     #[arg(long, help_heading = "View", allow_negative_numbers = true)]
@@ -69,7 +74,12 @@ pub(crate) struct Render {
     #[arg(long, value_enum, default_value_t = MethodArgument::default(), help_heading = "Quality")]
     method: MethodArgument,
     /// Length of a micro-edge in pixels, on the displaced surface.
-    #[arg(long, default_value_t = 1.0, help_heading = "Quality")]
+    #[arg(
+        long,
+        default_value_t = 1.0,
+        allow_negative_numbers = true,
+        help_heading = "Quality"
+    )]
     dicing_rate: f32,
     /// Chooses the random numbers: another seed, another noise.
     #[arg(long, default_value_t = 0, help_heading = "Quality")]
@@ -111,6 +121,7 @@ pub(crate) struct Render {
         long,
         default_value_t = 0,
         allow_negative_numbers = true,
+        value_parser = clap::value_parser!(i32).range(..=MAX_THREADS),
         help_heading = "Machine"
     )]
     threads: i32,
@@ -210,6 +221,9 @@ impl ValueEnum for AovArgument {
     }
 }
 
+/// More than any machine has: so many can still be started, and the work is done.
+const MAX_THREADS: i64 = 1024;
+
 fn bytes(text: &str) -> std::result::Result<usize, String> {
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit: u64 = match text[digits.len()..]
@@ -248,6 +262,14 @@ impl Render {
         };
         positive(self.scale, "scale")?;
         positive(self.dicing_rate, "dicing-rate")?;
+        if let Some(frame) = self.frame
+            && !frame.is_finite()
+        {
+            return Err(Error::usage(
+                format!("--frame {frame}"),
+                "--frame takes a number",
+            ));
+        }
         if let Some(albedo) = self.clay
             && !(0.0..=1.0).contains(&albedo)
         {

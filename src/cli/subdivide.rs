@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::Args;
 use relievo::error::Fault;
 use relievo::image::write_whole;
-use relievo::mesh::{ControlMesh, Interpolation, Polyline, Primvar};
+use relievo::mesh::{ControlMesh, CreaseMethod, Interpolation, Polyline, Primvar, TriangleRule};
 use relievo::scene::obj;
 use relievo::subdiv;
 use relievo::subdiv::schemes::classic::{self, SchemeKind};
@@ -46,6 +46,12 @@ pub(crate) struct Subdivide {
 
 impl Subdivide {
     pub(crate) fn run(self) -> Result<()> {
+        if !["obj", "usda", "svg"].iter().any(|e| self.ends_in(e)) {
+            return Err(Error::usage(
+                format!("{}: such a file cannot be written", self.output.display()),
+                "give the output a name that ends in .obj, .usda or, for curves, .svg",
+            ));
+        }
         let text = match self.scheme.map(RefinementName::kind) {
             Some(Refinement::Chaikin) => self.curves()?,
             None if obj::is_curves(&self.cage)? => self.curves()?,
@@ -267,5 +273,18 @@ fn obj_text(mesh: &ControlMesh) -> String {
         relievo::mesh::BoundaryInterpolation::EdgeOnly => 2,
     };
     line(format_args!("t interpolateboundary 1/0/0 {boundary}"));
+    if st.is_some() {
+        let rule = mesh.face_varying as u32;
+        line(format_args!(
+            "t facevaryinginterpolateboundary 1/0/0 {rule}"
+        ));
+    }
+    // The others are what a file without the tag has.
+    if mesh.crease_method == CreaseMethod::Chaikin {
+        line(format_args!("t creasemethod 0/0/1 chaikin"));
+    }
+    if mesh.triangle_rule == TriangleRule::Smooth {
+        line(format_args!("t smoothtriangles 0/0/1 smooth"));
+    }
     text
 }

@@ -1,5 +1,7 @@
 //! Whether a control mesh is one: counts, indices and numbers, each fault with its face and what to do.
 
+use std::collections::HashSet;
+
 use super::{ControlMesh, Interpolation, Primvar, Scheme};
 use crate::error::Fault;
 use crate::math::Vec3;
@@ -32,6 +34,26 @@ impl ControlMesh {
             let twice = sorted.windows(2).find(|pair| pair[0] == pair[1]);
             twice.map(|pair| (face, pair[0]))
         })
+    }
+
+    /// How many creases are between points that no edge joins, and the points of the first one. They have
+    /// no effect.
+    pub fn creases_without_edge(&self) -> Option<(usize, [u32; 2])> {
+        if self.creases.is_empty() {
+            return None;
+        }
+        let sorted = |[a, b]: [u32; 2]| [a.min(b), a.max(b)];
+        let edges: HashSet<[u32; 2]> = (self.faces())
+            .flat_map(|range| {
+                let face = &self.face_vertex_indices[range];
+                let next = face.iter().cycle().skip(1);
+                face.iter().zip(next).map(|(&a, &b)| sorted([a, b]))
+            })
+            .collect();
+        let mut missing = (self.creases.iter().map(|c| c.vertices))
+            .filter(|&vertices| !edges.contains(&sorted(vertices)));
+        let first = missing.next()?;
+        Some((1 + missing.count(), first))
     }
 
     fn validate_points(&self) -> Result<(), Fault> {

@@ -146,7 +146,9 @@ impl Device {
                             self.peak_memory()
                         )
                     },
-                    help: Some("lower the tessellation rate, or raise the memory limit".to_owned()),
+                    help: Some(
+                        "raise --memory-budget, or dice more coarsely: --dicing-rate".to_owned(),
+                    ),
                 }
             }
             _ => Error::failed(format!("Embree: {message} (error {code})")),

@@ -181,17 +181,26 @@ impl Maker<'_> {
         let rate = f64::from(self.options.dicing.rate) * (needed / left.max(1.0)).sqrt();
         Err(Error::Memory {
             message: format!(
-                "{}: {triangles} micro-triangles take about {:.0} MB by {}, and {:.0} MB of the memory budget are left",
+                "{}: {triangles} micro-triangles take about {} by {}, and {} of the memory budget are left",
                 wanted.path,
-                needed / 1e6,
+                amount(needed),
                 method.name(),
-                left / 1e6,
+                amount(left),
             ),
             help: Some(format!(
                 "raise --memory-budget, or dice more coarsely: --dicing-rate {:.1} would fit",
                 (10.0 * rate).ceil() / 10.0
             )),
         })
+    }
+}
+
+/// Bytes as a person says them.
+fn amount(bytes: f64) -> String {
+    match bytes {
+        ..1e6 => format!("{:.1} KB", bytes / 1e3),
+        ..1e9 => format!("{:.1} MB", bytes / 1e6),
+        _ => format!("{:.1} GB", bytes / 1e9),
     }
 }
 

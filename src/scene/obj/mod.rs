@@ -274,6 +274,11 @@ impl Reader {
                 format!("line {line}: point {} is more than one corner of the face; remove the repeated ones", point + 1)
             });
         }
+        if let Some((count, [a, b])) = mesh.creases_without_edge() {
+            self.warnings.add("crease without edge", || {
+                format!("{count} creases have no effect: no edge joins their points, as {a} and {b} (from 0)")
+            });
+        }
 
         let path = match self.object {
             Some(object) if self.objects == 1 && !object.is_empty() => format!("/{object}"),

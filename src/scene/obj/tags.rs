@@ -62,13 +62,14 @@ impl Tags {
         let (float_words, strings) = words.split_at(floats);
         let ints: Vec<u32> = all(int_words, name, line)?;
         let floats: Vec<f32> = all(float_words, name, line)?;
-        if let Some(s) = floats.iter().find(|s| s.is_nan()) {
-            return Err(at_line(line, format!("tag {name}: sharpness {s}")));
+        if let Some(s) = floats.iter().find(|&&s| s.is_nan() || s < 0.0) {
+            return Err(at_line(line, format!("tag {name}: sharpness {s}"))
+                .advise("sharpness runs from 0 (smooth) to 10 (infinitely sharp)"));
         }
         let wrong = || at_line(line, format!("tag {name}: wrong arguments")).advise(FORM);
         let sharpness = |i: usize, count: usize| match floats[..] {
-            [s] => Ok(s.max(0.0)),
-            _ if floats.len() == count => Ok(floats[i].max(0.0)),
+            [s] => Ok(s),
+            _ if floats.len() == count => Ok(floats[i]),
             _ => Err(wrong()),
         };
 

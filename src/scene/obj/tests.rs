@@ -9,7 +9,7 @@ fn text(text: &str, name: &str) -> Result<Description> {
 
 #[test]
 fn tags_and_name_decide() {
-    let tags = "t crease 2/1/0 0 1 2.5\nt corner 2/1/0 0 1 -1\nt hole 1/0/0 0\nt creasemethod 0/0/1 chaikin\n";
+    let tags = "t crease 2/1/0 0 1 2.5\nt corner 2/1/0 0 1 0\nt hole 1/0/0 0\nt creasemethod 0/0/1 chaikin\n";
     let d = text(&format!("{tags}{QUAD}"), "catmark_a_lefthanded.obj").expect("valid");
     let mesh = d.shapes[0].geometry.mesh().expect("a mesh");
     assert_eq!(mesh.boundary, BoundaryInterpolation::EdgeOnly);
@@ -32,6 +32,10 @@ fn faults_name_the_line() {
         (
             "t crease 2/1/0 0 1",
             "a.obj: line 6: tag crease: 3 arguments announced, 2 found",
+        ),
+        (
+            "t crease 2/1/0 0 1 -1",
+            "a.obj: line 6: tag crease: sharpness -1",
         ),
         (
             "t nonsense 0/0/0",

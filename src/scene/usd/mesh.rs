@@ -209,6 +209,11 @@ impl Reader {
                 format!("{path}: face {face}: point {point} is more than one of its corners; remove the repeated ones")
             });
         }
+        if let Some((count, [a, b])) = mesh.creases_without_edge() {
+            self.warn("crease without edge", || {
+                format!("{path}: {count} creases have no effect: no edge joins their points, as {a} and {b}")
+            });
+        }
         let (primvars, unusable) =
             self.usable_primvars(prim, names, state, |p| mesh.validate_primvar(p));
         mesh.primvars = primvars;
