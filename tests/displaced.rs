@@ -4,6 +4,7 @@
 use std::fmt::Write;
 
 use relievo::image::{Channel, ChannelFormat, Compression, Part, Picture, write_exr};
+use relievo::world::Method;
 use serde_json::Value;
 
 use crate::common::program::Bench;
@@ -142,11 +143,17 @@ fn all_ways_to_trace_read_the_same_texture_coordinates() {
         ]);
         let rows = report["rows"].as_array().expect("rows");
         let references = |row: &&Value| row["reference"] == "embree-subdivision";
-        assert_eq!(rows.iter().filter(references).count(), 3, "{report}");
+        let others = Method::ALL.len() - 1;
+        assert_eq!(rows.iter().filter(references).count(), others, "{report}");
         for row in rows {
             let distance = row["max_distance"].as_f64().expect("a number");
             // The sheet is flat, tilted. At other places of the map it would be thousands of times as far.
-            assert!(distance < 1e-5, "{row}");
+            let lattice = if row["method"] == "compact" {
+                2.4e-5
+            } else {
+                0.0
+            };
+            assert!(distance < 1e-5 + lattice, "{row}");
         }
     }
 }
