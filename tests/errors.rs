@@ -86,6 +86,18 @@ fn bad_scenes_are_named_with_their_place() {
         ),
         ("pointless.usda", mesh(QUAD), &["/Quad", "no points"]),
         (
+            "collapsed.usda",
+            mesh(&format!(
+                "{QUAD} point3f[] points = [(1, 2, 3), (1, 2, 3), (2, 4, 6), (3, 6, 9)]"
+            )),
+            &["/Quad", "no face of the mesh has an area", "nothing to see"],
+        ),
+        (
+            "collapsed.obj",
+            "v 1 2 3\nv 1 2 3\nv 1 2 3\nf 1 2 3\n".to_owned(),
+            &["no face has an area"],
+        ),
+        (
             "whole.usda",
             mesh(&format!("{QUAD} int[] points = [0, 1, 2, 3]")),
             &["/Quad", "point3f[]"],

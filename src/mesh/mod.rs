@@ -17,7 +17,7 @@ pub use polyline::Polyline;
 pub use topology::Topology;
 pub use triangulate::{Triangles, triangulate};
 
-use crate::math::{Bounds3, Vec3};
+use crate::math::{Bounds3, DVec3, Vec3};
 
 /// A control mesh (cage), or a plain polygon mesh where the scheme is [`Scheme::None`].
 ///
@@ -111,6 +111,23 @@ impl ControlMesh {
         self.points
             .iter()
             .flat_map(|key| self.face_vertex_indices.iter().map(|&v| key[v as usize]))
+    }
+
+    /// Whether any face spans an area at any motion key. Its numbers must be [valid](Self::validate).
+    pub fn has_area(&self) -> bool {
+        self.points.iter().any(|points| {
+            self.faces().any(|range| {
+                let corners = &self.face_vertex_indices[range];
+                let [first, ..] = corners else {
+                    return false;
+                };
+                let from_first =
+                    |v: u32| points[v as usize].as_dvec3() - points[*first as usize].as_dvec3();
+                corners
+                    .windows(2)
+                    .any(|pair| from_first(pair[0]).cross(from_first(pair[1])) != DVec3::ZERO)
+            })
+        })
     }
 
     /// The faces as ranges of `face_vertex_indices`.

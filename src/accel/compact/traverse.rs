@@ -2,7 +2,7 @@
 //!
 //! Signs of edge functions are exact but for zeros: products round monotonely, so a difference of two rounded ones is
 //! never of the wrong sign. A zero counts for both sides at first; what passes so is decided by
-//! [`origin_in`](crate::accel::triangle::origin_in), corner by corner. Two triangles at an edge see the same products of
+//! [`origin_in`], corner by corner. Two triangles at an edge see the same products of
 //! the same vertices, in one block or in two.
 
 use super::block::{Axis, CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};

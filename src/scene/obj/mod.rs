@@ -268,6 +268,12 @@ impl Reader {
         mesh.face_vertex_counts = self.counts;
         mesh.face_vertex_indices = self.indices;
         mesh.validate()?;
+        if !mesh.has_area() {
+            return Err(Fault::new(
+                "no face has an area: all its points lie on a line or in a point",
+            )
+            .advise("export the cage again; is it scaled to nothing?"));
+        }
         if let Some((face, point)) = mesh.repeated_corner() {
             let line = self.face_lines[face];
             self.warnings.add("repeated corner", || {

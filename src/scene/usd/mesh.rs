@@ -204,6 +204,12 @@ impl Reader {
             return Err(self.no_points(prim));
         }
         mesh.validate()?;
+        if !mesh.has_area() {
+            self.warn("mesh without area", || {
+                format!("{path}: no face of the mesh has an area; it is left out")
+            });
+            return Ok(None);
+        }
         if let Some((face, point)) = mesh.repeated_corner() {
             self.warn("repeated corner", || {
                 format!("{path}: face {face}: point {point} is more than one of its corners; remove the repeated ones")
