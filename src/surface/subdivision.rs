@@ -206,6 +206,7 @@ impl Subdivision {
         }
     }
 
+    /// A point without second derivatives.
     fn first_order_of(
         &self,
         limit: &LimitSurface,
@@ -213,20 +214,16 @@ impl Subdivision {
         face: u32,
         uv: Vec2,
     ) -> LimitPoint {
-        let part = &self.parts[face as usize];
-        let placed = part.shape.place(uv);
-        let p = limit.first_order(field, part.ptex, placed.uv[0], placed.uv[1]);
-        let [position, du, dv] = [p.position, p.du, p.dv].map(Vec3::from);
-        let point = LimitPoint {
-            position,
-            du,
-            dv,
-            ..LimitPoint::default()
-        };
-        match part.shape {
-            Shape::Whole => point,
-            _ => placed.pull_back(&point),
-        }
+        self.on_part(face, uv, |ptex, [u, v]| {
+            let p = limit.first_order(field, ptex, u, v);
+            let [position, du, dv] = [p.position, p.du, p.dv].map(Vec3::from);
+            LimitPoint {
+                position,
+                du,
+                dv,
+                ..LimitPoint::default()
+            }
+        })
     }
 
     fn limit_point(
@@ -236,19 +233,32 @@ impl Subdivision {
         face: u32,
         uv: Vec2,
     ) -> LimitPoint {
+        self.on_part(face, uv, |ptex, [u, v]| {
+            let p = limit.evaluate(field, ptex, u, v);
+            let [position, du, dv, duu, duv, dvv] =
+                [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::from);
+            LimitPoint {
+                position,
+                du,
+                dv,
+                duu,
+                duv,
+                dvv,
+            }
+        })
+    }
+
+    /// A point of a face, by what the Ptex face has where it lies.
+    #[inline(always)]
+    fn on_part(
+        &self,
+        face: u32,
+        uv: Vec2,
+        at: impl FnOnce(u32, [f64; 2]) -> LimitPoint,
+    ) -> LimitPoint {
         let part = &self.parts[face as usize];
         let placed = part.shape.place(uv);
-        let p = limit.evaluate(field, part.ptex, placed.uv[0], placed.uv[1]);
-        let [position, du, dv, duu, duv, dvv] =
-            [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::from);
-        let point = LimitPoint {
-            position,
-            du,
-            dv,
-            duu,
-            duv,
-            dvv,
-        };
+        let point = at(part.ptex, placed.uv);
         match part.shape {
             Shape::Whole => point,
             _ => placed.pull_back(&point),

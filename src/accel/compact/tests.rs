@@ -228,50 +228,32 @@ fn every_box_encloses_what_is_below_it() {
 /// near the origin and far from it, still and moving. None escapes.
 #[test]
 fn no_ray_escapes() {
-    let mut cases = Vec::new();
-    for (shape, base) in closed() {
-        // Rays start in the middle of the solid: of the tube, for a torus.
-        let centre = if shape.contains("torus") {
-            Vec3::X
-        } else {
-            Vec3::ZERO
-        };
-        for (kind, displacement) in displacements(0.05) {
-            for offset in [0.0, 2e5] {
-                for moves in [false, true] {
-                    let scale = if offset > 0.0 { 40.0 } else { 1.0 };
-                    let moved = base.clone().mapped(|p| scale * p + offset);
-                    let moved = if moves {
-                        moved.moving(|p| p + 0.05 * scale * Vec3::Y)
-                    } else {
-                        moved
-                    };
-                    let surface = surface(moved, displacement.clone());
-                    let case = (surface, scale * centre + offset);
-                    cases.push((format!("{shape}, {kind}, at {offset}, {moves}"), case));
-                }
-            }
-        }
-    }
+    let cases: Vec<_> = [false, true].into_iter().flat_map(leaks::solids).collect();
     let each = effort(100_000).div_ceil(cases.len());
     let escaped: usize = cases
         .par_iter()
-        .map(|(name, (surface, inside))| {
-            let rates = mixed(surface);
-            let (tree, diced) = (usual(surface), Diced::new(surface, &rates));
-            let mut random = Random(7);
-            let escaped = (0..each)
-                .filter(|&i| {
-                    let mut ray = leaks::ray(&diced, *inside, i, &mut random);
-                    ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
-                    !(0..tree.primitives()).any(|p| tree.occluded(p, &ray))
-                })
-                .count();
-            if escaped > 0 {
-                println!("{name}: {escaped} of {each} rays escaped");
-            }
-            escaped
-        })
+        .map(
+            |leaks::Solid {
+                 name,
+                 surface,
+                 inside,
+             }| {
+                let rates = mixed(surface);
+                let (tree, diced) = (usual(surface), Diced::new(surface, &rates));
+                let mut random = Random(7);
+                let escaped = (0..each)
+                    .filter(|&i| {
+                        let mut ray = leaks::ray(&diced, *inside, i, &mut random);
+                        ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
+                        !(0..tree.primitives()).any(|p| tree.occluded(p, &ray))
+                    })
+                    .count();
+                if escaped > 0 {
+                    println!("{name}: {escaped} of {each} rays escaped");
+                }
+                escaped
+            },
+        )
         .sum();
     assert_eq!(escaped, 0, "of {} rays", each * cases.len());
 }

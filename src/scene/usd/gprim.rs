@@ -39,9 +39,9 @@ impl Reader {
     ) -> Result<Option<(Geometry, Vec<UnusablePrimvar>)>, Fault> {
         let path = prim.path().as_str().to_owned();
         let mut sizes = Vec::new();
-        let mut size = |name: &str, otherwise: f64| {
+        let mut size = |name: &'static str, otherwise: f64| {
             let size = self.number(prim, name).unwrap_or(otherwise);
-            sizes.push((name.to_owned(), size));
+            sizes.push((name, size));
             size
         };
         let profile = match type_name {
@@ -113,7 +113,7 @@ impl Reader {
     }
 }
 
-fn describe(sizes: &[(String, f64)]) -> String {
+fn describe(sizes: &[(&str, f64)]) -> String {
     let sizes: Vec<_> = sizes.iter().map(|(n, s)| format!("{n} is {s}")).collect();
     sizes.join(", ")
 }

@@ -69,7 +69,24 @@ pub(crate) fn escapes<T>(
 }
 
 fn cases() -> Vec<Case> {
-    let mut cases = Vec::new();
+    let diced = |solid: Solid| Case {
+        name: solid.name,
+        diced: Arc::new(Diced::new(&solid.surface, &mixed(&solid.surface))),
+        inside: solid.inside,
+    };
+    solids(false).into_iter().map(diced).collect()
+}
+
+/// A closed displaced surface that is not diced yet, and a point within.
+pub(crate) struct Solid {
+    pub(crate) name: String,
+    pub(crate) surface: Surface,
+    pub(crate) inside: Vec3,
+}
+
+/// Closed, creased, displaced shapes near the origin and far from it; if they move, the point stays within.
+pub(crate) fn solids(moving: bool) -> Vec<Solid> {
+    let mut solids = Vec::new();
     for (shape, base) in closed() {
         // Rays start in the middle of the solid: of the tube, for a torus.
         let centre = if shape.contains("torus") {
@@ -80,17 +97,19 @@ fn cases() -> Vec<Case> {
         for (kind, displacement) in displacements(0.05) {
             for offset in [0.0, 2e5] {
                 let scale = if offset > 0.0 { 40.0 } else { 1.0 };
-                let moved = base.clone().mapped(|p| scale * p + offset);
-                let surface = surface(moved, displacement.clone());
-                cases.push(Case {
-                    name: format!("{shape}, {kind}, at {offset}"),
-                    diced: Arc::new(Diced::new(&surface, &mixed(&surface))),
+                let mut placed = base.clone().mapped(|p| scale * p + offset);
+                if moving {
+                    placed = placed.moving(|p| p + 0.05 * scale * Vec3::Y);
+                }
+                solids.push(Solid {
+                    name: format!("{shape}, {kind}, at {offset}, moving: {moving}"),
+                    surface: surface(placed, displacement.clone()),
                     inside: scale * centre + offset,
                 });
             }
         }
     }
-    cases
+    solids
 }
 
 fn aims_at_vertex(i: usize) -> bool {
