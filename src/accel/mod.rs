@@ -1,11 +1,14 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
+mod boxes;
 mod compact;
+mod lattice;
 mod moment;
 mod simd;
 mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
+mod top;
 mod triangle;
 mod trimmed;
 
