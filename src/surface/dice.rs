@@ -274,11 +274,16 @@ impl FaceGrid {
 
     /// The face's parameters of the point whose parameters over the whole grid, as if nothing were snapped, are `uv`.
     pub fn grid_uv(&self, uv: Vec2) -> Vec2 {
-        let size = Vec2::new(f32::from(self.size[0]), f32::from(self.size[1]));
-        let at = uv.clamp(Vec2::ZERO, Vec2::ONE) * size;
-        let cell = at.floor().min(size - 1.0);
-        let within = at - cell;
-        let first = 2 * (cell.y as u64 * u64::from(self.size[0]) + cell.x as u64);
+        let uv = uv.clamp(Vec2::ZERO, Vec2::ONE);
+        let [nu, nv] = self.size;
+        let at = uv * Vec2::new(f32::from(nu), f32::from(nv));
+        let (i, j) = ((at.x as u16).min(nu - 1), (at.y as u16).min(nv - 1));
+        let inside = |i: u16, n: u16| 0 < i && i + 1 < n;
+        if self.segments == [nu, nv, nu, nv] || inside(i, nu) && inside(j, nv) {
+            return uv;
+        }
+        let within = at - Vec2::new(f32::from(i), f32::from(j));
+        let first = 2 * (u64::from(j) * u64::from(nu) + u64::from(i));
         if within.x + within.y <= 1.0 {
             self.triangle_uv(first, within)
         } else {
