@@ -251,7 +251,7 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<(Scene, u64, f64)> {
         .iter()
         .map(|p| p.object.world_from_object.as_slice())
         .collect();
-    let scene = together(&traced, &places, &device)?;
+    let scene = together(method, &traced, &places, &device)?;
     let seconds = start.elapsed().as_secs_f64();
     let own: usize = traced.iter().map(|t| t.bytes).sum();
     let bytes = own + device.memory().saturating_sub(before);
