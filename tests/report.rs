@@ -55,6 +55,13 @@ fn check_section(section: Node<'_, '_>, measured: &Value) {
         let number = |value: &Value| value.as_f64().expect("a number");
         let (rms, max) = (number(&row["rms_distance"]), number(&row["max_distance"]));
         assert!(0.0 < rms && rms < max && max < 1e-2, "{row}");
+        let added = number(&row["rms_to_triangles"]);
+        assert!(added <= number(&row["max_to_triangles"]), "{row}");
+        // All but Embree's subdivision dice alike.
+        assert!(
+            added < 2e-5 || row["method"] == "embree-subdivision",
+            "{row}"
+        );
         let line = elements(section, (HTML, "tr"))
             .find(|line| elements(*line, (HTML, "th")).any(|head| text(head) == row["method"]))
             .unwrap_or_else(|| panic!("{row} is not in the table"));
@@ -69,6 +76,7 @@ fn check_section(section: Node<'_, '_>, measured: &Value) {
             speed("1"),
             format!("{rms:.2e}"),
             format!("{max:.2e}"),
+            format!("{added:.2e}"),
         ];
         for figure in wanted {
             assert!(cells.contains(&figure), "{figure} is not in {cells:?}");

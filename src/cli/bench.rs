@@ -94,7 +94,7 @@ fn table(bench: &relievo::compare::Bench) -> String {
             }
         }
         if let (Some(rms), Some(max)) = (row.rms_distance, row.max_distance) {
-            text += &format!(" distance rms: {rms:.2e} max: {max:.2e}");
+            text += &format!("  distance rms: {rms:.2e} max: {max:.2e}");
         }
         text.push('\n');
     }

@@ -7,7 +7,8 @@
 //!
 //! Distances are measured as [`verify()`](super::verify()) does, to the same surfaces diced four times as finely, or less
 //! where that would take too much memory. Such references are held as grids: those are the same micro-triangles, in a
-//! sixth of the memory.
+//! sixth of the memory. Most of these distances is what micro-triangles are off the smooth surface; what a method adds
+//! to that shows in the distances to `embree-triangles`, diced alike.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -117,6 +118,12 @@ pub struct BenchRow {
     /// The largest distance, likewise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_distance: Option<f64>,
+    /// The root of the mean squared distance to `embree-triangles` diced alike, likewise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rms_to_triangles: Option<f64>,
+    /// The largest distance to these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_to_triangles: Option<f64>,
 }
 
 struct Entry {
@@ -127,8 +134,8 @@ struct Entry {
     scene: Scene,
     bytes: u64,
     builds: Vec<f64>,
-    /// What rays to the reference found.
-    found: Option<Found>,
+    /// What rays to the reference and to triangles diced alike found.
+    found: Option<[Found; 2]>,
     /// By kind of ray and number of threads.
     speeds: BTreeMap<(&'static str, usize), Vec<f64>>,
 }
@@ -244,7 +251,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
         pool.report(&mut warnings);
     }
     let reference = if distances {
-        measure_distances(&prepared, &mut entries, options.rays, &mut warnings)?
+        measure_distances(&prepared, &mut entries, twin, options.rays, &mut warnings)?
     } else {
         None
     };
@@ -277,8 +284,10 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
                 build_seconds: median(&entry.builds),
                 mrays,
                 ratio,
-                rms_distance: entry.found.map(|found| found.rms()),
-                max_distance: entry.found.map(|found| found.max),
+                rms_distance: entry.found.map(|[fine, _]| fine.rms()),
+                max_distance: entry.found.map(|[fine, _]| fine.max),
+                rms_to_triangles: entry.found.map(|[_, alike]| alike.rms()),
+                max_to_triangles: entry.found.map(|[_, alike]| alike.max),
             }
         })
         .collect();
@@ -324,10 +333,12 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<Entry> {
     })
 }
 
-/// How far each method's surfaces are from the same diced more finely. References are built one after the other.
+/// How far each method's surfaces are from the same diced more finely, and from those of the twin, diced alike.
+/// References are built one after the other.
 fn measure_distances(
     prepared: &[Prepared],
     entries: &mut [Entry],
+    twin: usize,
     rays: u64,
     warnings: &mut Warnings,
 ) -> Result<Option<Reference>> {
@@ -346,10 +357,13 @@ fn measure_distances(
     for (i, prepared) in prepared.iter().enumerate() {
         let device = Device::new(&DeviceOptions::default())?;
         let fine = prepared.build(Method::EmbreeGrid, &prepared.finer(finer), &device)?;
-        for entry in entries.iter_mut() {
-            let found = compare(prepared, &entry.traced[i], &fine, each);
-            if found.measured > 0 {
-                entry.found = Some(entry.found.unwrap_or_default().and(found));
+        for e in 0..entries.len() {
+            let traced = &entries[e].traced[i];
+            let found = [&fine, &entries[twin].traced[i]]
+                .map(|reference| compare(prepared, traced, reference, each));
+            if found.iter().all(|found| found.measured > 0) {
+                let [fine, alike] = entries[e].found.unwrap_or_default();
+                entries[e].found = Some([fine.and(found[0]), alike.and(found[1])]);
             }
         }
     }

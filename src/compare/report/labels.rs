@@ -40,13 +40,16 @@ pub(super) fn place(
     for (name, &mark) in names.iter().zip(marks) {
         let size = (LETTER * name.chars().count() as i32, LINE);
         let candidates = candidates(mark, size);
-        let free = candidates.iter().find(|(text, leader)| {
-            is_inside(text, &within)
-                && !taken.iter().any(|other| overlap(text, other))
-                && !leader.is_some_and(|leader| {
-                    steps(leader).any(|p| taken.iter().any(|other| overlap(&around(p, 1), other)))
-                })
-        });
+        let has_room = |text: &Area| {
+            is_inside(text, &within) && !taken.iter().any(|other| overlap(text, other))
+        };
+        let crosses = |leader: &Leader| {
+            steps(*leader).any(|p| taken.iter().any(|other| overlap(&around(p, 1), other)))
+        };
+        let free = (candidates.iter())
+            .find(|(text, leader)| has_room(text) && !leader.as_ref().is_some_and(crosses))
+            // In a crowd of marks a line may have to run between them.
+            .or_else(|| candidates.iter().find(|(text, _)| has_room(text)));
         // A plot too full for that has more methods than there are.
         let &(text, leader) = free.unwrap_or(&candidates[0]);
         taken.push(text);

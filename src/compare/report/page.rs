@@ -92,10 +92,10 @@ fn section(number: usize, one: &Measured) -> Result<String> {
             &format!("Memory against error on {scene}"),
             &format!(
                 "Memory against error: to the left is smaller, down is closer. Upwards, the root of the mean squared \
-                 distance, in diagonals of each mesh's box, between what {} rays met by the method and the same \
-                 surface diced {} times as finely, on a logarithmic scale. What the micro-triangles themselves are off \
-                 by is part of it: where methods are level, that is all there is. What is below {LEAST_DISTANCE:.0e} \
-                 is drawn there.",
+                 distance, in diagonals of each mesh's box, on a logarithmic scale, of what {} rays met. Discs are \
+                 distances to the same surface diced {} times as finely: what micro-triangles of this size are off by, \
+                 by any method, and what the method adds. Lozenges are distances to embree-triangles diced alike: only \
+                 what the method adds. What is below {LEAST_DISTANCE:.0e}, where single precision ends, is drawn there.",
                 grouped(reference.rays),
                 reference.finer
             ),
@@ -157,7 +157,7 @@ fn table(rows: &[BenchRow]) -> String {
         .collect();
     let mut html = "<div class=\"wide\">\n<table>\n<caption>All figures. Speeds are millions of rays a second, medians \
                     of five; in small, the ratio to embree-triangles. Building is dicing and building trees, on all \
-                    threads.</caption>\n<thead><tr><th scope=\"col\">method</th><th scope=\"col\">bytes each</th>\
+                    threads. Distances are in diagonals of each mesh's box.</caption>\n<thead><tr><th scope=\"col\">method</th><th scope=\"col\">bytes each</th>\
                     <th scope=\"col\">MB</th><th scope=\"col\">build s</th>"
         .to_owned();
     for (kind, threads) in &columns {
@@ -167,8 +167,8 @@ fn table(rows: &[BenchRow]) -> String {
         );
     }
     if has_distances {
-        html +=
-            "<th scope=\"col\">RMS<br/>distance</th><th scope=\"col\">largest<br/>distance</th>";
+        html += "<th scope=\"col\">RMS to<br/>finer</th><th scope=\"col\">largest to<br/>finer</th>\
+                 <th scope=\"col\">RMS to<br/>triangles</th><th scope=\"col\">largest to<br/>triangles</th>";
     }
     html += "</tr></thead>\n<tbody>\n";
     for row in rows {
@@ -189,11 +189,15 @@ fn table(rows: &[BenchRow]) -> String {
         }
         if has_distances {
             let cell = |d: Option<f64>| d.map_or("–".to_owned(), |d| format!("{d:.2e}"));
-            html += &format!(
-                "<td>{}</td><td>{}</td>",
-                cell(row.rms_distance),
-                cell(row.max_distance)
-            );
+            let distances = [
+                row.rms_distance,
+                row.max_distance,
+                row.rms_to_triangles,
+                row.max_to_triangles,
+            ];
+            for distance in distances {
+                html += &format!("<td>{}</td>", cell(distance));
+            }
         }
         html += "</tr>\n";
     }

@@ -86,14 +86,12 @@ pub(super) fn speed(rows: &[BenchRow]) -> Result<String> {
     );
     svg(|canvas| {
         scatter(canvas, &marks, 0.0..top, names, &short)?;
-        draw_mark(canvas, (SIZE.0 as i32 - 220, 20), 0, &BLACK)?;
-        draw_mark(canvas, (SIZE.0 as i32 - 110, 20), 1, &BLACK)?;
-        text(canvas, "primary", (SIZE.0 as i32 - 206, 20), HPos::Left)?;
-        text(canvas, "diffuse", (SIZE.0 as i32 - 96, 20), HPos::Left)
+        kinds(canvas, ["primary rays", "diffuse rays"])
     })
 }
 
-/// Bytes for each micro-triangle against the distance to the reference; nothing if that was not measured.
+/// Bytes for each micro-triangle against distances, to the reference and to triangles diced alike; nothing if those were
+/// not measured.
 pub(super) fn error(rows: &[BenchRow]) -> Result<Option<String>> {
     let marks: Vec<Marks> = rows
         .iter()
@@ -101,14 +99,16 @@ pub(super) fn error(rows: &[BenchRow]) -> Result<Option<String>> {
             Some(Marks {
                 method: row.method,
                 x: row.bytes_per_micro_triangle,
-                ys: vec![row.rms_distance?.max(LEAST_DISTANCE)],
+                ys: [row.rms_distance?, row.rms_to_triangles?]
+                    .map(|distance| distance.max(LEAST_DISTANCE))
+                    .to_vec(),
             })
         })
         .collect();
     if marks.is_empty() {
         return Ok(None);
     }
-    let all = || marks.iter().map(|m| m.ys[0]);
+    let all = || marks.iter().flat_map(|m| m.ys.iter().copied());
     let low = least(all()).log10().floor() as i32;
     let high = (greatest(all()).log10().ceil() as i32).max(low + 1);
     let steps: &[f64] = if high - low < 3 {
@@ -126,7 +126,11 @@ pub(super) fn error(rows: &[BenchRow]) -> Result<Option<String>> {
         "bytes per micro-triangle",
         "RMS distance, in diagonals of the box".to_owned(),
     );
-    svg(|canvas| scatter(canvas, &marks, range, names, &|v| format!("{v:.0e}"))).map(Some)
+    svg(|canvas| {
+        scatter(canvas, &marks, range, names, &|v| format!("{v:.0e}"))?;
+        kinds(canvas, ["to the finer surface", "to triangles diced alike"])
+    })
+    .map(Some)
 }
 
 /// Speed over that of Embree's triangles, by kinds of rays and threads.
@@ -265,6 +269,17 @@ where
         // Letters are narrower than the room that is kept for them: in its middle.
         let middle = place.at.0 + LETTER * name.len() as i32 / 2;
         text(canvas, name, (middle, place.at.1 + LINE / 2), HPos::Center)?;
+    }
+    Ok(())
+}
+
+/// What the two marks stand for, at the top.
+fn kinds(canvas: &Canvas<'_>, names: [&str; 2]) -> Result<()> {
+    let mut x = SIZE.0 as i32 - 16;
+    for (kind, name) in names.into_iter().enumerate().rev() {
+        x -= LETTER * name.len() as i32 + 32;
+        draw_mark(canvas, (x, 18), kind, &BLACK)?;
+        text(canvas, name, (x + 14, 18), HPos::Left)?;
     }
     Ok(())
 }
