@@ -28,18 +28,19 @@ pub(super) struct Place {
     pub(super) leader: Option<Leader>,
 }
 
-/// Places a name beside the first of each method's marks. `taken` are boxes to keep free beside the marks.
+/// Places each name beside one of its marks, the first where there is room. `taken` are boxes to keep free beside the
+/// marks.
 pub(super) fn place(
     names: &[&str],
-    marks: &[Point],
+    marks: &[Vec<Point>],
     mut taken: Vec<Area>,
     within: Area,
 ) -> Vec<Place> {
-    taken.extend(marks.iter().map(|&mark| around(mark, MARK)));
+    taken.extend(marks.iter().flatten().map(|&mark| around(mark, MARK)));
     let mut places = Vec::with_capacity(names.len());
-    for (name, &mark) in names.iter().zip(marks) {
+    for (name, marks) in names.iter().zip(marks) {
         let size = (LETTER * name.chars().count() as i32, LINE);
-        let candidates = candidates(mark, size);
+        let candidates = candidates(marks, size);
         let has_room = |text: &Area| {
             is_inside(text, &within) && !taken.iter().any(|other| overlap(text, other))
         };
@@ -62,8 +63,8 @@ pub(super) fn place(
     places
 }
 
-/// Places for a text of this size around a mark, the best first.
-fn candidates(mark: Point, size: Point) -> Vec<(Area, Option<Leader>)> {
+/// Places for a text of this size around any of these marks, the best first.
+fn candidates(marks: &[Point], size: Point) -> Vec<(Area, Option<Leader>)> {
     /// Right, left, above, below, then between.
     const DIRECTIONS: [(f32, f32); 12] = [
         (1.0, 0.0),
@@ -87,8 +88,9 @@ fn candidates(mark: Point, size: Point) -> Vec<(Area, Option<Leader>)> {
     };
     (0..24)
         .map(|ring| MARK + 1 + 14 * ring)
-        .flat_map(|radius| DIRECTIONS.map(|direction| (radius, direction)))
-        .map(|(radius, (x, y))| {
+        .flat_map(|radius| marks.iter().map(move |mark| (radius, mark)))
+        .flat_map(|(radius, mark)| DIRECTIONS.map(|direction| (radius, mark, direction)))
+        .map(|(radius, mark, (x, y))| {
             let out = |distance: i32| {
                 let along = |d: f32| (distance as f32 * d).round() as i32;
                 (mark.0 + along(x), mark.1 + along(y))
@@ -142,7 +144,8 @@ mod tests {
                 (middle + spread * (random.next() - 0.5) * (high - low) as f32) as i32
             };
             let marks: Vec<Point> = names.map(|_| (at(80, 730), at(50, 370))).to_vec();
-            let places = place(&names, &marks, Vec::new(), within);
+            let each: Vec<Vec<Point>> = marks.iter().map(|&mark| vec![mark]).collect();
+            let places = place(&names, &each, Vec::new(), within);
             let texts: Vec<Area> = (places.iter().zip(names))
                 .map(|(place, name)| {
                     let (left, top) = place.at;

@@ -12,11 +12,12 @@ const STYLE: &str = "
 @media screen and (prefers-color-scheme: dark) {
   :root { --ink: #e6e6e6; --soft: #a4a9b0; --paper: #16181c; --grid: #3a3e44; }
 }
-body { margin: 2rem auto; padding: 0 1rem; max-width: 60rem; font: 1rem/1.5 sans-serif;
+body { margin: 2rem auto; padding: 0 1rem; max-width: 70rem; font: 1rem/1.5 sans-serif;
   color: var(--ink); background: var(--paper); }
 h1, h2 { line-height: 1.2; }
 h2 { margin-top: 3rem; overflow-wrap: anywhere; }
 a { color: inherit; }
+p { max-width: 60rem; }
 p.facts, figcaption { color: var(--soft); }
 figure { margin: 2rem 0; break-inside: avoid; }
 figcaption { max-width: 46rem; margin-top: 0.75rem; }
@@ -115,7 +116,7 @@ fn section(number: usize, one: &Measured) -> Result<String> {
     Ok(html)
 }
 
-/// What was measured, and on what.
+/// What was measured, and on what; what could not be.
 fn facts(bench: &Bench) -> String {
     let machine = &bench.machine;
     let triangles = bench.rows.first().map_or(0, |row| row.micro_triangles);
@@ -132,7 +133,11 @@ fn facts(bench: &Bench) -> String {
         escaped(&machine.embree),
         escaped(machine.relievo),
         escaped(&bench.date),
-    )
+    ) + &bench
+        .warnings
+        .iter()
+        .map(|w| format!("<p>Warning: {}</p>\n", escaped(&w.message)))
+        .collect::<String>()
 }
 
 fn figure_of(svg: &str, name: &str, caption: &str) -> String {

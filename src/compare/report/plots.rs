@@ -110,7 +110,8 @@ pub(super) fn error(rows: &[BenchRow]) -> Result<Option<String>> {
     }
     let all = || marks.iter().flat_map(|m| m.ys.iter().copied());
     let low = least(all()).log10().floor() as i32;
-    let high = (greatest(all()).log10().ceil() as i32).max(low + 1);
+    // With room for a name above.
+    let high = ((greatest(all()).log10() + 0.3).ceil() as i32).max(low + 1);
     let steps: &[f64] = if high - low < 3 {
         &[1.0, 2.0, 5.0]
     } else {
@@ -256,7 +257,13 @@ where
         let (tops, bottoms) = (at.iter().map(|p| p.1).min(), at.iter().map(|p| p.1).max());
         if let (Some(top), Some(bottom)) = (tops, bottoms) {
             taken.push([at[0].0 - 9, top - 9, at[0].0 + 9, bottom + 9]);
-            anchors.push((at[0].0, top));
+            // Beside the mark above, or else anywhere along the line.
+            anchors.push(vec![
+                (at[0].0, top),
+                (at[0].0, (2 * top + bottom) / 3),
+                (at[0].0, (top + 2 * bottom) / 3),
+                (at[0].0, bottom),
+            ]);
         }
     }
     let (x, y) = chart.plotting_area().get_pixel_range();
