@@ -12,7 +12,7 @@ const STYLE: &str = "
 @media screen and (prefers-color-scheme: dark) {
   :root { --ink: #e6e6e6; --soft: #a4a9b0; --paper: #16181c; --grid: #3a3e44; }
 }
-body { margin: 2rem auto; padding: 0 1rem; max-width: 70rem; font: 1rem/1.5 sans-serif;
+body { margin: 2rem auto; padding: 0 1rem; max-width: 76rem; font: 1rem/1.5 sans-serif;
   color: var(--ink); background: var(--paper); }
 h1, h2 { line-height: 1.2; }
 h2 { margin-top: 3rem; overflow-wrap: anywhere; }
@@ -33,7 +33,8 @@ th:first-child, td:first-child { text-align: left; }
 thead th { vertical-align: bottom; color: var(--soft); }
 small { color: var(--soft); }
 dt { font-weight: bold; }
-@media print { body { margin: 0; max-width: none; font-size: 9pt; } table { font-size: 7pt; }
+@media print { body { margin: 0; max-width: none; font-size: 9pt; } figure { margin: 0.5rem 0; } figure svg { max-width: 34rem; }
+  table { font-size: 6.5pt; } small { font-size: 5pt; }
   th, td { padding: 0.1rem 0.25rem; } section { break-before: page; } section:first-of-type { break-before: auto; } }
 ";
 
