@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::math::{Affine3A, Ray, Vec2, Vec3};
 use crate::shade::camera::Camera;
 use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
-use crate::trace::{Device, Scene, SceneBuilder, SceneHit, SceneOptions, face_uv, sub_face_of};
+use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv, sub_face_of};
 use crate::world::{HitPlaces, Method, Object};
 
 /// An object of the scene at the fineness asked for.
@@ -71,11 +71,7 @@ impl Prepared {
             (built.geometry, Numbering::Ours(built.places), built.bytes)
         };
         bytes += geometry.memory();
-        let options = SceneOptions {
-            robust: true,
-            compact: false,
-        };
-        let mut builder = SceneBuilder::new(device, options)?;
+        let mut builder = SceneBuilder::new(device, method.scene_options())?;
         builder.attach(geometry);
         Ok(Traced {
             scene: Arc::new(builder.commit(&|_| true)?),
@@ -164,17 +160,14 @@ impl Traced {
     }
 }
 
-/// Several meshes, each where it stands, in one scene.
+/// Several meshes built for a method, each where it stands, in one scene.
 pub(super) fn together(
+    method: Method,
     traced: &[Traced],
     places: &[&[Affine3A]],
     device: &Device,
 ) -> Result<Scene> {
-    let options = SceneOptions {
-        robust: true,
-        compact: false,
-    };
-    let mut builder = SceneBuilder::new(device, options)?;
+    let mut builder = SceneBuilder::new(device, method.scene_options())?;
     for (traced, places) in traced.iter().zip(places) {
         for place in *places {
             builder.instance(traced.scene.clone(), &[*place])?;

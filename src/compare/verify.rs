@@ -62,19 +62,26 @@ pub struct VerifyRow {
 
 /// What rays found, in sums.
 #[derive(Debug, Clone, Copy, Default)]
-struct Found {
+pub(super) struct Found {
     rays: u64,
     only_method: u64,
     only_reference: u64,
-    measured: u64,
-    max: f64,
+    /// Rays that met both.
+    pub(super) measured: u64,
+    /// The largest distance.
+    pub(super) max: f64,
     squares: f64,
     degrees: f64,
     leaks: u64,
 }
 
 impl Found {
-    fn and(self, other: Self) -> Self {
+    /// The root of the mean squared distance.
+    pub(super) fn rms(&self) -> f64 {
+        (self.squares / self.measured.max(1) as f64).sqrt()
+    }
+
+    pub(super) fn and(self, other: Self) -> Self {
         Self {
             rays: self.rays + other.rays,
             only_method: self.only_method + other.only_method,
@@ -142,7 +149,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
         only_method: found.only_method,
         only_reference: found.only_reference,
         max_distance: found.max,
-        rms_distance: (found.squares / found.measured.max(1) as f64).sqrt(),
+        rms_distance: found.rms(),
         max_normal_degrees: found.degrees,
         leaks: found.leaks,
     };
@@ -185,7 +192,13 @@ fn ray(prepared: &Prepared, random: &mut Random) -> Ray {
 /// Rays whose findings are summed up at once: sums are the same for any number of threads.
 const TOGETHER: u64 = 1024;
 
-fn compare(prepared: &Prepared, traced: &Traced, reference: &Traced, rays: u64) -> Found {
+/// Sends rays to both.
+pub(super) fn compare(
+    prepared: &Prepared,
+    traced: &Traced,
+    reference: &Traced,
+    rays: u64,
+) -> Found {
     let sums: Vec<Found> = (0..rays.div_ceil(TOGETHER))
         .into_par_iter()
         .map(|chunk| {

@@ -23,7 +23,7 @@ use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Lookup;
 use crate::surface::Dicing;
-use crate::trace::{Device, Geometry, Scene, SceneBuilder, SceneOptions};
+use crate::trace::{Device, Geometry, Scene, SceneBuilder};
 
 /// How to build.
 #[derive(Debug, Clone, Default)]
@@ -85,10 +85,7 @@ impl World {
             places[placement.shape].push(i as u32);
         }
 
-        let scene_options = SceneOptions {
-            robust: true,
-            compact: false,
-        };
+        let scene_options = options.method.scene_options();
         let mut builder = SceneBuilder::new(device, scene_options)?;
         let mut entries: BTreeMap<u32, Entry> = BTreeMap::new();
         let mut shapes = Vec::with_capacity(description.shapes.len());
