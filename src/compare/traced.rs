@@ -149,6 +149,22 @@ impl Traced {
         }
     }
 
+    /// The point of the micro-triangle at a place, if it is known which that is.
+    pub(super) fn flat(&self, (face, uv): (u32, Vec2)) -> Option<Vec3> {
+        let Numbering::Ours(HitPlaces::Triangles(grids) | HitPlaces::Grids(grids)) =
+            &self.numbering
+        else {
+            return None;
+        };
+        let grid = grids.of_face(face)?;
+        let (triangle, weights) = grid.triangle_at(uv)?;
+        let [a, b, c] = grid.corners(triangle).map(|(i, j)| {
+            let point = self.surface.evaluate(face, grid.vertex_uv(i, j), 0);
+            point.position
+        });
+        Some(a + weights.x * (b - a) + weights.y * (c - a))
+    }
+
     /// The distance to the nearest point along a line, either way, and the hit there.
     pub(super) fn probe(&self, p: Vec3, along: Vec3) -> Option<(f32, SceneHit)> {
         let probes = [along, -along].map(|d| self.scene.intersect(&Ray::new(p, d, 0.0)));

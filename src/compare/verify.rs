@@ -1,9 +1,10 @@
 //! Whether all methods see the same surface.
 //!
 //! Rays come from a sphere around each mesh and aim into its box. Where a ray meets the method's surface, the distance
-//! to the reference is the least of three, each of them as long as the true one or longer: along the ray, which tells of
+//! to the reference is the least of four, each of them as long as the true one or longer: along the ray, which tells of
 //! its own slope where it grazes; along the method's normal, which may miss the sheet that is meant and meet another;
-//! and to the reference's point of the same face and parameters, which may have slid along the surface. Normals are
+//! and to the reference's points of the same face and parameters, of its smooth surface and of its micro-triangles,
+//! which may have slid along the surface. Normals are
 //! those of the smooth surfaces, compared where the method's normal meets the reference or, where that faces away, at the
 //! same face and parameters, if either is close by. Leaks are rays that leave a closed mesh from within: from halfway
 //! between the points where a ray enters and leaves it.
@@ -234,6 +235,7 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
         Some((hit.t - other.t).abs()),
         probe.map(|(d, _)| d),
         Some(same.position.distance(p)),
+        reference.flat(place).map(|q| q.distance(p)),
     ];
     // Where a point is not a number, it is not the least either.
     let least = distances.into_iter().flatten().fold(f32::MAX, f32::min);

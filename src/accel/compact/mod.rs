@@ -47,7 +47,7 @@ use traverse::Met;
 /// How to compress.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CompactOptions {
-    /// The farthest that a micro-vertex may be moved, in units of the object, above 0. By default it is 2.4e-5
+    /// The farthest that a micro-vertex may be moved, in units of the object, above 0. By default it is 3.6e-5
     /// diagonals of the object.
     pub max_error: Option<f32>,
 }
