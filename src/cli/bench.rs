@@ -5,7 +5,7 @@ use relievo::Result;
 use relievo::compare::bench;
 use serde_json::json;
 
-use super::compare::Compare;
+use super::compare::{Compare, moved};
 
 /// Measure all ways of tracing on one set of rays: memory, building, millions of rays a second.
 #[derive(Debug, Args)]
@@ -52,6 +52,12 @@ impl Bench {
             }
             text.push('\n');
         }
+        text += &moved(
+            bench
+                .rows
+                .iter()
+                .map(|row| (row.method, row.achieved_error)),
+        );
         super::print(text.as_bytes())
     }
 }

@@ -12,12 +12,12 @@ use relievo::render::{
 };
 use relievo::scene::{LoadOptions, MissingLayers, Purpose};
 use relievo::shade::filter::{Filter, FilterKind};
-use relievo::world::{BuildOptions, Dicing};
+use relievo::world::{BuildOptions, Dicing, MaxError};
 use relievo::{Error, Result};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use super::method::MethodArgument;
+use super::method::{MethodArgument, max_error};
 
 /// Render a scene to a picture.
 ///
@@ -81,6 +81,10 @@ pub(crate) struct Render {
         help_heading = "Quality"
     )]
     dicing_rate: f32,
+    /// How far `compact` may move micro-vertices: 0.25px is a quarter of a pixel at the object's closest view, 1e-5 that
+    /// part of its diagonal [default: 2.4e-5, and at most 0.25px]
+    #[arg(long, value_name = "ERROR", value_parser = max_error, help_heading = "Quality")]
+    max_error: Option<MaxError>,
     /// Chooses the random numbers: another seed, another noise.
     #[arg(long, default_value_t = 0, help_heading = "Quality")]
     seed: u32,
@@ -358,6 +362,7 @@ impl Render {
                     rate: self.dicing_rate,
                     ..Dicing::default()
                 },
+                max_error: self.max_error.unwrap_or_default(),
                 clay: self.clay,
                 missing_textures: (self.missing_textures == MissingTextures::Magenta)
                     .then_some(Vec4::new(1.0, 0.0, 1.0, 1.0)),

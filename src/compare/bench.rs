@@ -19,7 +19,7 @@ use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::camera;
 use crate::scene::Description;
 use crate::trace::{Device, DeviceOptions, Scene};
-use crate::world::{Method, objects};
+use crate::world::{AchievedError, Method, objects};
 
 /// Times that everything is measured.
 const REPEATS: usize = 5;
@@ -68,6 +68,8 @@ pub struct BenchRow {
     pub bytes_per_micro_triangle: f64,
     /// Dicing and building trees, on all threads.
     pub build_seconds: f64,
+    /// How far the method moved micro-vertices, if it did.
+    pub achieved_error: Option<AchievedError>,
     /// Millions of rays a second.
     pub mrays: BySpeed,
     /// That over the same of `embree-triangles`.
@@ -78,6 +80,7 @@ struct Entry {
     method: Method,
     scene: Scene,
     bytes: u64,
+    error: Option<AchievedError>,
     builds: Vec<f64>,
     /// By kind of ray and number of threads.
     speeds: BTreeMap<(&'static str, usize), Vec<f64>>,
@@ -136,7 +139,9 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
     let all = objects(description, &mut warnings)?;
     let side = (options.rays.max(1) as f64).sqrt().ceil() as u32;
     let view = camera(description, [side, side])?;
-    let prepared = prepare(all, options.fineness, &|| camera(description, [960, 540]))?;
+    let prepared = prepare(all, (options.fineness, options.max_error), &|| {
+        camera(description, [960, 540])
+    })?;
     let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
 
     let mut methods = options.methods.clone();
@@ -150,13 +155,14 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
                 continue;
             }
             match build(method, &prepared) {
-                Ok((scene, bytes, seconds)) => {
+                Ok((scene, bytes, seconds, error)) => {
                     match entries.iter_mut().find(|e| e.method == method) {
                         Some(entry) => entry.builds.push(seconds),
                         None => entries.push(Entry {
                             method,
                             scene,
                             bytes,
+                            error,
                             builds: vec![seconds],
                             speeds: BTreeMap::new(),
                         }),
@@ -226,6 +232,7 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
                 bytes: entry.bytes,
                 bytes_per_micro_triangle: entry.bytes as f64 / micro_triangles.max(1) as f64,
                 build_seconds: median(&entry.builds),
+                achieved_error: entry.error,
                 mrays,
                 ratio,
             }
@@ -238,8 +245,11 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
     })
 }
 
-/// The scene, the bytes that it takes, and the seconds that it took.
-fn build(method: Method, prepared: &[Prepared]) -> Result<(Scene, u64, f64)> {
+/// The scene, the bytes that it takes, the seconds that it took, and how far it moved micro-vertices.
+fn build(
+    method: Method,
+    prepared: &[Prepared],
+) -> Result<(Scene, u64, f64, Option<AchievedError>)> {
     let device = Device::new(&DeviceOptions::default())?;
     let before = device.memory();
     let start = Instant::now();
@@ -255,7 +265,8 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<(Scene, u64, f64)> {
     let seconds = start.elapsed().as_secs_f64();
     let own: usize = traced.iter().map(|t| t.bytes).sum();
     let bytes = own + device.memory().saturating_sub(before);
-    Ok((scene, bytes as u64, seconds))
+    let error = AchievedError::of_all(traced.iter().map(|t| t.error));
+    Ok((scene, bytes as u64, seconds, error))
 }
 
 /// The three kinds of rays.

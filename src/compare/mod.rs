@@ -9,7 +9,7 @@ mod verify;
 pub use bench::{Bench, BenchRow, BySpeed, Machine, bench};
 pub use verify::{Verified, VerifyRow, verify};
 
-use crate::world::Method;
+use crate::world::{MaxError, Method};
 
 /// How finely surfaces are diced.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,6 +27,8 @@ pub struct CompareOptions {
     pub methods: Vec<Method>,
     /// How finely they dice.
     pub fineness: Fineness,
+    /// The farthest that a method which compresses may move a micro-vertex.
+    pub max_error: MaxError,
     /// Rays: for each mesh to verify, for the whole scene to measure speed.
     pub rays: u64,
 }

@@ -149,6 +149,7 @@ pub fn render(
         })
     })?;
     let world = built.world;
+    stats.achieved_error = built.error;
     stats.bytes = Bytes {
         control_meshes: description.shapes.iter().map(|s| s.geometry.memory()).sum(),
         embree: device.memory(),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
+use super::achieved::AchievedError;
 use super::displacement::Heights;
 use super::geometry::{Displaced, Maker, Wanted};
 use super::method::Method;
@@ -12,7 +13,7 @@ use super::shape::Shape;
 use super::stand::Stand;
 use super::worn::{Wardrobe, Wearer};
 use super::{Entry, Placed, World, patch};
-use crate::accel::Intersector;
+use crate::accel::{Intersector, MaxError};
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
@@ -32,6 +33,8 @@ pub struct BuildOptions {
     pub method: Method,
     /// How finely they are diced.
     pub dicing: Dicing,
+    /// The farthest that a method which compresses may move a micro-vertex.
+    pub max_error: MaxError,
     /// Everything Lambert with this albedo; displacement stays.
     pub clay: Option<f32>,
     /// Textures that cannot be read become this colour instead of an error.
@@ -48,6 +51,8 @@ pub struct Built {
     pub texture_bytes: usize,
     /// Bytes of limit surfaces, and of what the method holds beside Embree.
     pub surface_bytes: usize,
+    /// How far micro-vertices were moved, by methods that do.
+    pub error: Option<AchievedError>,
     /// What was noticed.
     pub warnings: Warnings,
 }
@@ -77,6 +82,7 @@ impl World {
             options,
             heights: Heights::new(&textures),
             bytes: 0,
+            error: None,
         };
 
         // Where each shape stands, and whether it can be built in world space right away.
@@ -230,6 +236,7 @@ impl World {
             world,
             texture_bytes,
             surface_bytes: maker.bytes,
+            error: maker.error,
             warnings,
         })
     }

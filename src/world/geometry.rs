@@ -3,11 +3,13 @@
 
 use std::sync::Arc;
 
+use super::achieved::AchievedError;
 use super::build::BuildOptions;
 use super::displacement::{Heights, by_callback, coordinates};
-use super::method::Method;
-use super::patch::notice;
+use super::method::{How, Method};
+use super::patch;
 use super::shape::{Polygons, Smooth, Surface};
+use crate::accel::Accuracy;
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3};
 use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule, triangulate};
@@ -25,6 +27,8 @@ pub(super) struct Maker<'a> {
     pub(super) heights: Heights<'a>,
     /// Bytes that surfaces and methods hold beside Embree.
     pub(super) bytes: usize,
+    /// How far micro-vertices were moved, by methods that do.
+    pub(super) error: Option<AchievedError>,
 }
 
 /// What displaces a shape.
@@ -85,24 +89,24 @@ impl Maker<'_> {
                 }),
             }
         }
-        self.surface(carrier, surface, &rates, wanted)
+        self.surface(carrier, surface, &rates, wanted, warnings)
     }
 
     /// A NURBS patch. Embree knows none: under the name of its subdivision they are traced as our triangles, too.
     pub(super) fn patch(
         &mut self,
-        patch: &NurbsPatch,
+        nurbs: &NurbsPatch,
         wanted: &Wanted<'_>,
         warnings: &mut Warnings,
     ) -> Result<(Geometry, Surface)> {
         let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
         let st = wanted.displaced.and_then(|d| coordinates(d.height));
-        let base = Patch::new(patch, &names, st)?;
-        notice(patch, &base, wanted.path, warnings);
+        let base = Patch::new(nurbs, &names, st)?;
+        patch::notice(nurbs, &base, wanted.path, warnings);
         let carrier: Arc<dyn Carrier> = Arc::new(base);
         let surface = self.displaced(&carrier, wanted);
-        let rates = self.rates(&surface, &patch.bounds(), wanted, warnings);
-        self.surface(carrier, surface, &rates, wanted)
+        let rates = self.rates(&surface, &nurbs.bounds(), wanted, warnings);
+        self.surface(carrier, surface, &rates, wanted, warnings)
     }
 
     fn displaced(&mut self, carrier: &Arc<dyn Carrier>, wanted: &Wanted<'_>) -> surface::Surface {
@@ -132,10 +136,19 @@ impl Maker<'_> {
         surface: surface::Surface,
         rates: &Rates,
         wanted: &Wanted<'_>,
+        warnings: &mut Warnings,
     ) -> Result<(Geometry, Surface)> {
         self.check_memory(rates, carrier.keys(), wanted)?;
         let surface = Arc::new(surface);
-        let traced = self.options.method.build(&surface, rates, self.device)?;
+        let how = How {
+            max_error: self.options.max_error,
+            go_on: &|_| true,
+        };
+        let traced = (self.options.method).build(&surface, rates, self.device, &how)?;
+        if let Some(accuracy) = &traced.accuracy {
+            notice(accuracy, wanted.path, warnings);
+        }
+        self.error = AchievedError::of_all([self.error, traced.error()]);
         self.bytes += traced.bytes + traced.geometry.memory() + surface.memory();
         let smooth = Smooth {
             surface,
@@ -191,6 +204,18 @@ impl Maker<'_> {
                 (10.0 * rate).ceil() / 10.0
             )),
         })
+    }
+}
+
+/// Warns of an error that the lattice could not keep to.
+fn notice(accuracy: &Accuracy, path: &str, warnings: &mut Warnings) {
+    let &Accuracy { asked, max, .. } = accuracy;
+    if max > asked * (1.0 + 1e-6) {
+        warnings.add("max error", || {
+            format!(
+                "{path}: micro-vertices are moved by up to {max:.1e} units, not {asked:.1e}: a lattice of 24 bits is no finer"
+            )
+        });
     }
 }
 

@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
-use crate::accel::{Compact, CompactOptions, Intersector, Tessellated, Trimmed};
+use super::achieved::AchievedError;
+use crate::accel::{
+    Accuracy, Compact, CompactOptions, Intersector, MaxError, Tessellated, Trimmed,
+};
 use crate::error::Result;
 use crate::math::Vec2;
 use crate::surface::{Diced, Grids, Rates, Surface};
@@ -32,6 +35,24 @@ pub struct TracedSurface {
     pub places: HitPlaces,
     /// Bytes held beside Embree's.
     pub bytes: usize,
+    /// How far the method moved micro-vertices, if it did.
+    pub accuracy: Option<Accuracy>,
+}
+
+impl TracedSurface {
+    /// How far the method moved micro-vertices, if it did, by the object's size and in pixels.
+    pub fn error(&self) -> Option<AchievedError> {
+        self.accuracy.as_ref().map(AchievedError::of)
+    }
+}
+
+/// How a surface is to be built.
+#[derive(Clone, Copy)]
+pub struct How<'a> {
+    /// The farthest that a method which compresses may move a micro-vertex.
+    pub max_error: MaxError,
+    /// Told how far it is, 0..1; ends it by false.
+    pub go_on: &'a dyn Fn(f64) -> bool,
 }
 
 /// From a hit to the face, and the parameters on it.
@@ -94,13 +115,16 @@ impl Method {
     /// Embree's triangles.
     ///
     /// # Errors
-    /// If there are more micro-triangles than the method can number, or memory runs out.
+    /// If there are more micro-triangles than the method can number, or memory runs out; if it is ended; if an error in
+    /// pixels is asked for, and the rates know of none.
     pub fn build(
         self,
         surface: &Arc<Surface>,
         rates: &Rates,
         device: &Device,
+        how: &How<'_>,
     ) -> Result<TracedSurface> {
+        let mut accuracy = None;
         let diced = || Arc::new(Diced::new(surface, rates));
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {
@@ -120,7 +144,11 @@ impl Method {
             Self::Tessellated => of_hit(Tessellated::build(diced()), surface, device)?,
             Self::Compact => {
                 // It dices by itself, a few rows at a time.
-                let tree = Compact::build(surface, rates, &CompactOptions::default(), &|_| true)?;
+                let options = CompactOptions {
+                    max_error: how.max_error,
+                };
+                let tree = Compact::build(surface, rates, &options, how.go_on)?;
+                accuracy = Some(tree.accuracy());
                 of_hit(tree, surface, device)?
             }
         };
@@ -129,6 +157,7 @@ impl Method {
             geometry,
             places,
             bytes,
+            accuracy,
         })
     }
 }

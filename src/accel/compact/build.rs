@@ -9,16 +9,12 @@ use rayon::prelude::*;
 use super::block::{CELLS, PADDING, SIDE, UNIT, Vertices};
 use super::patch::{FAN, Node, Patch, SPAN};
 use super::{Accuracy, Compact, CompactOptions, Face};
-use crate::accel::lattice::{Extent, Lattice};
+use crate::accel::lattice::{Extent, Lattice, REACH};
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
-
-/// The usual bound on the error, in diagonals of the object: the root of the mean square of the distance to the
-/// surface, which is a third of it, then is below 1e-5.
-const USUAL_ERROR: f32 = 2.4e-5;
 
 /// Bands that are in work at once.
 const BATCH: usize = 256;
@@ -53,7 +49,8 @@ impl Compact {
     /// Dices and compresses all faces. `progress` is told from 0 to 1, and stops the build by returning false.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if stopped, [`Error::Memory`] beyond 16 GB of blocks.
+    /// [`Error::Interrupted`] if stopped, [`Error::Memory`] beyond 16 GB of blocks, [`Error::Usage`] if the error is to
+    /// be measured in pixels, of which the rates know nothing.
     pub fn build(
         surface: &Surface,
         rates: &Rates,
@@ -63,10 +60,18 @@ impl Compact {
         let shared: Vec<SharedSamples> = (0..surface.base().keys())
             .map(|key| SharedSamples::new(surface, rates, key))
             .collect();
-        let mut lattice = lattice(surface, &shared, options);
+        let bounds = bounds(surface, &shared);
+        let diagonal = bounds.extent().length();
+        let error = (options.max_error).units(diagonal, rates.pixels_per_unit())?;
+        let mut lattice = lattice(&bounds, error);
         loop {
             match Builder::new(surface, rates, &shared, lattice).run(progress) {
-                Ok(built) => return Ok(built),
+                Ok(mut built) => {
+                    built.accuracy.asked = error.into();
+                    built.accuracy.diagonal = diagonal.into();
+                    built.accuracy.pixels_per_unit = rates.pixels_per_unit().map(f64::from);
+                    return Ok(built);
+                }
                 Err(Stop::Error(error)) => return Err(error),
                 // What is displaced that far has grown accordingly.
                 Err(Stop::TooFar) => lattice.step *= 16.0,
@@ -75,11 +80,11 @@ impl Compact {
     }
 }
 
-/// The lattice around what the faces share.
-fn lattice(surface: &Surface, shared: &[SharedSamples], options: &CompactOptions) -> Lattice {
+/// Around what the faces share.
+fn bounds(surface: &Surface, shared: &[SharedSamples]) -> Bounds3 {
     let base = surface.base();
     let faces = (0..base.faces()).filter(|&face| !base.is_hole(face));
-    let bounds = faces.flat_map(|face| (0..4).map(move |k| (face, k))).fold(
+    faces.flat_map(|face| (0..4).map(move |k| (face, k))).fold(
         Bounds3::EMPTY,
         |bounds, (face, k)| {
             shared.iter().fold(bounds, |bounds, shared| {
@@ -88,12 +93,16 @@ fn lattice(surface: &Surface, shared: &[SharedSamples], options: &CompactOptions
                     .fold(bounds, Bounds3::including)
             })
         },
-    );
-    let error = options
-        .max_error
-        .unwrap_or(USUAL_ERROR * bounds.extent().length());
+    )
+}
+
+/// The lattice in which no vertex moves by more than `error`, unless it is too fine for what is within `bounds`.
+fn lattice(bounds: &Bounds3, error: f32) -> Lattice {
     // A vertex moves by half of a cube's diagonal at most.
     let step = 2.0 / 3.0_f32.sqrt() * error;
+    // Half of the lattice is left for what displacement adds.
+    let finest = bounds.extent().max_element() / REACH as f32;
+    let step = if step > finest { step } else { finest };
     const LEAST: f32 = 1e-30;
     Lattice {
         anchor: if bounds.is_empty() {
@@ -207,6 +216,8 @@ impl<'a> Builder<'a> {
         built.accuracy = Accuracy {
             max: self.largest.sqrt(),
             rms: (self.squares / self.vertices.max(1) as f64).sqrt(),
+            vertices: self.vertices as u64,
+            ..Accuracy::default()
         };
         Ok(built)
     }

@@ -26,6 +26,7 @@
 //! decoding and testing 98 triangles at once costs less than descending to a few of them; and vertices are predicted by
 //! a plane and a direction of displacement (see `block`).
 
+mod accuracy;
 mod block;
 mod build;
 mod patch;
@@ -40,6 +41,7 @@ use super::top::Top;
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
 use crate::surface::FaceGrid;
+pub use accuracy::{Accuracy, MaxError};
 use block::{CELLS, Head, SIDE};
 use patch::{FAN, Fan, Node, Patch, SPAN};
 use traverse::Met;
@@ -47,18 +49,8 @@ use traverse::Met;
 /// How to compress.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CompactOptions {
-    /// The farthest that a micro-vertex may be moved, in units of the object, above 0. By default it is 2.4e-5
-    /// diagonals of the object.
-    pub max_error: Option<f32>,
-}
-
-/// How far micro-vertices were moved, in units of the object.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Accuracy {
-    /// The farthest.
-    pub max: f64,
-    /// The root of the mean square. The distance to the surface has about 0.6 of it.
-    pub rms: f64,
+    /// The farthest that a micro-vertex may be moved.
+    pub max_error: MaxError,
 }
 
 /// A compressed surface.

@@ -137,7 +137,7 @@ fn hits_are_those_of_the_plain_tree_but_for_the_error() {
             let rates = mixed(&surface);
             let plain = crate::accel::Tessellated::build(Arc::new(Diced::new(&surface, &rates)));
             let options = CompactOptions {
-                max_error: Some(1e-5),
+                max_error: MaxError::Units(1e-5),
             };
             let tree = compact(&surface, &rates, options);
             let mut random = Random(5);
@@ -167,7 +167,7 @@ fn vertices_are_as_near_to_the_dicing_as_promised() {
             let diced = Diced::new(&surface, &rates);
             for max_error in [1e-3, 3e-6] {
                 let options = CompactOptions {
-                    max_error: Some(max_error),
+                    max_error: MaxError::Units(max_error),
                 };
                 let tree = compact(&surface, &rates, options);
                 let (mut largest, mut sum, mut count) = (0.0_f64, 0.0, 0);
@@ -186,7 +186,7 @@ fn vertices_are_as_near_to_the_dicing_as_promised() {
                 }
                 let bound = f64::from(max_error) * 1.000_001;
                 assert!(largest <= bound, "{shape} {kind}: {largest} {max_error}");
-                let Accuracy { max, rms } = tree.accuracy();
+                let Accuracy { max, rms, .. } = tree.accuracy();
                 assert!((max - largest).abs() < 1e-3 * max, "{max} {largest}");
                 let mean = (sum / f64::from(count)).sqrt();
                 assert!((rms - mean).abs() < 0.2 * rms, "{rms} {mean}");
@@ -417,4 +417,51 @@ proptest! {
             }
         }
     }
+}
+
+#[test]
+fn errors_may_be_asked_for_in_pixels_and_in_diagonals() {
+    struct Ahead;
+    impl crate::surface::View for Ahead {
+        fn position(&self) -> Vec3 {
+            10.0 * Vec3::Z
+        }
+        fn pixels_per_unit(&self, _: Vec3) -> f32 {
+            50.0
+        }
+        fn outside(&self, _: Vec3, _: f32) -> f32 {
+            0.0
+        }
+    }
+    let surface = surface(Patches::sphere(2), Displacement::None);
+    let here = [crate::math::Affine3A::IDENTITY];
+    let places = crate::surface::Places::nearest(&Ahead, &Bounds3::of([Vec3::ZERO]), &here);
+    let seen = Rates::on_screen(&surface, &places, &crate::surface::Dicing::default());
+    let build = |rates: &Rates, max_error| {
+        Compact::build(&surface, rates, &CompactOptions { max_error }, &|_| true)
+    };
+    let accuracy = |rates, max_error| build(rates, max_error).expect("it is built").accuracy();
+    let diagonal = accuracy(&seen, MaxError::Usual).diagonal;
+    assert!((diagonal - 2.0 * 3.0_f64.sqrt()).abs() < 0.01, "{diagonal}");
+    for (max_error, expected) in [
+        (MaxError::Pixels(0.1), 0.1 / 50.0),
+        (MaxError::Diagonals(1e-3), 1e-3 * diagonal),
+        (MaxError::Usual, 2.4e-5 * diagonal),
+    ] {
+        let accuracy = accuracy(&seen, max_error);
+        assert!(
+            (accuracy.asked / expected - 1.0).abs() < 1e-3,
+            "{accuracy:?}"
+        );
+        assert!(
+            accuracy.max <= accuracy.asked * (1.0 + 1e-6),
+            "{accuracy:?}"
+        );
+        assert!(accuracy.max > 0.9 * accuracy.asked, "{accuracy:?}");
+    }
+    // The lattice has 24 bits: it says what that achieves.
+    let finest = accuracy(&seen, MaxError::Diagonals(1e-9));
+    assert!(finest.max > finest.asked && finest.max < 1e-6, "{finest:?}");
+    let blind = build(&mixed(&surface), MaxError::Pixels(0.25)).map(|_| ());
+    assert_eq!(blind.expect_err("no pixels are known").exit_code(), 2);
 }
