@@ -80,6 +80,8 @@ impl World {
             device,
             camera,
             options,
+            go_on: &|done| go_on(0.5 * done),
+            share: [0.0; 2],
             heights: Heights::new(&textures),
             bytes: 0,
             error: None,
@@ -103,7 +105,8 @@ impl World {
         let mut bounds = Bounds3::EMPTY;
         let mut transparent = false;
         for (number, (shape, places)) in description.shapes.iter().zip(&places).enumerate() {
-            go_on_or_stop(go_on, 0.5 * number as f64 / description.shapes.len() as f64)?;
+            maker.share = [number, number + 1].map(|n| n as f64 / description.shapes.len() as f64);
+            go_on_or_stop(go_on, 0.5 * maker.share[0])?;
             let keys = |place: u32| -> Vec<Affine3A> {
                 description.placements[place as usize]
                     .world_from_object
@@ -177,10 +180,7 @@ impl World {
             } else if !places.is_empty() {
                 let mut own = SceneBuilder::new(device, scene_options)?;
                 own.attach(geometry);
-                let own =
-                    Arc::new(own.commit(&|_| {
-                        go_on(0.5 * number as f64 / description.shapes.len() as f64)
-                    })?);
+                let own = Arc::new(own.commit(&|_| go_on(0.5 * maker.share[1]))?);
                 for &place in places {
                     let id = builder.instance(own.clone(), &keys(place))?;
                     entries.insert(id, Entry::Placed(place));

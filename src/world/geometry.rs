@@ -24,6 +24,10 @@ pub(super) struct Maker<'a> {
     pub(super) device: &'a Device,
     pub(super) camera: &'a Camera,
     pub(super) options: &'a BuildOptions,
+    /// Told how far the scene's surfaces are, 0..1; ends the build by false.
+    pub(super) go_on: &'a dyn Fn(f64) -> bool,
+    /// The part of the surfaces that the one at hand is, from where to where.
+    pub(super) share: [f64; 2],
     pub(super) heights: Heights<'a>,
     /// Bytes that surfaces and methods hold beside Embree.
     pub(super) bytes: usize,
@@ -140,9 +144,10 @@ impl Maker<'_> {
     ) -> Result<(Geometry, Surface)> {
         self.check_memory(rates, carrier.keys(), wanted)?;
         let surface = Arc::new(surface);
+        let [from, to] = self.share;
         let how = How {
             max_error: self.options.max_error,
-            go_on: &|_| true,
+            go_on: &|done| (self.go_on)(from + (to - from) * done),
         };
         let traced = (self.options.method).build(&surface, rates, self.device, &how)?;
         if let Some(accuracy) = &traced.accuracy {

@@ -6,7 +6,7 @@ use super::achieved::AchievedError;
 use crate::accel::{
     Accuracy, Compact, CompactOptions, Intersector, MaxError, Tessellated, Trimmed,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Vec2;
 use crate::surface::{Diced, Grids, Rates, Surface};
 use crate::trace::{Device, Geometry, SceneHit, diced_grid_uv, diced_triangle_uv};
@@ -125,23 +125,26 @@ impl Method {
         how: &How<'_>,
     ) -> Result<TracedSurface> {
         let mut accuracy = None;
-        let diced = || Arc::new(Diced::new(surface, rates));
+        let diced = || {
+            let diced = Diced::watched(surface, rates, how.go_on);
+            diced.map(Arc::new).ok_or(Error::Interrupted)
+        };
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {
-                let diced = diced();
+                let diced = diced()?;
                 let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_triangles(device, &diced)?;
                 (geometry, HitPlaces::Triangles(grids), bytes)
             }
             Self::EmbreeGrid => {
-                let diced = diced();
+                let diced = diced()?;
                 let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_grids(device, &diced)?;
                 (geometry, HitPlaces::Grids(grids), bytes)
             }
-            Self::Tessellated => of_hit(Tessellated::build(diced()), surface, device)?,
+            Self::Tessellated => of_hit(Tessellated::build(diced()?), surface, device)?,
             Self::Compact => {
                 // It dices by itself, a few rows at a time.
                 let options = CompactOptions {
