@@ -72,8 +72,9 @@ impl Prepared {
             let how = How {
                 max_error: self.max_error,
                 go_on: &|_| true,
+                keep: None,
             };
-            let built = method.build(&object.surface, rates, device, &how)?;
+            let built = method.build(&object.surface, rates, device, how)?;
             let error = built.error();
             let numbering = Numbering::Ours(built.places);
             (built.geometry, numbering, built.bytes, error)

@@ -78,6 +78,11 @@ impl<'a> Places<'a> {
         }
     }
 
+    /// Those that decide.
+    pub(crate) fn world_from_object(&self) -> &[Affine3A] {
+        &self.world_from_object
+    }
+
     /// The length in pixels of the segment between two points of the surface, where it is longest.
     pub fn pixels(&self, a: Vec3, b: Vec3) -> f32 {
         self.world_from_object

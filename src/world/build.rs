@@ -11,6 +11,7 @@ use super::geometry::{Displaced, Maker, Wanted};
 use super::method::Method;
 use super::shape::Shape;
 use super::stand::Stand;
+use super::stored::Source;
 use super::worn::{Wardrobe, Wearer};
 use super::{Entry, Placed, World, patch};
 use crate::accel::{Intersector, MaxError};
@@ -23,6 +24,7 @@ use crate::shade::camera::Camera;
 use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Lookup;
+use crate::store::{Store, Writer};
 use crate::surface::Dicing;
 use crate::trace::{Device, Geometry, Scene, SceneBuilder, SceneOptions};
 
@@ -70,6 +72,65 @@ impl World {
         options: &BuildOptions,
         go_on: &(dyn Fn(f64) -> bool + Sync),
     ) -> Result<Built> {
+        Self::from(description, camera, device, options, Source::Built, go_on)
+    }
+
+    /// The same, and writes what the method builds to a store.
+    ///
+    /// # Errors
+    /// As [`build`](Self::build), and if the store cannot be written.
+    ///
+    /// # Panics
+    /// If the method [is not stored](Method::is_stored).
+    pub fn record(
+        description: &Description,
+        camera: &Camera,
+        device: &Device,
+        options: &BuildOptions,
+        store: &mut Writer,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Built> {
+        assert!(
+            options.method.is_stored(),
+            "{} is not stored",
+            options.method.name()
+        );
+        let source = Source::Recorded(store);
+        Self::from(description, camera, device, options, source, go_on)
+    }
+
+    /// The same with what lies in a store, so that nothing is built.
+    ///
+    /// # Errors
+    /// As [`build`](Self::build), and if the store holds something else, or is damaged.
+    ///
+    /// # Panics
+    /// If the method [is not stored](Method::is_stored).
+    pub fn stored(
+        description: &Description,
+        camera: &Camera,
+        device: &Device,
+        options: &BuildOptions,
+        store: &Store,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Built> {
+        assert!(
+            options.method.is_stored(),
+            "{} is not stored",
+            options.method.name()
+        );
+        let source = Source::Stored(store);
+        Self::from(description, camera, device, options, source, go_on)
+    }
+
+    fn from(
+        description: &Description,
+        camera: &Camera,
+        device: &Device,
+        options: &BuildOptions,
+        source: Source<'_>,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Built> {
         let mut warnings = Warnings::default();
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
@@ -80,6 +141,7 @@ impl World {
             device,
             camera,
             options,
+            source,
             go_on: &|done| go_on(0.5 * done),
             share: [0.0; 2],
             heights: Heights::new(&textures),

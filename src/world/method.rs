@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use super::achieved::AchievedError;
 use crate::accel::{
-    Accuracy, Compact, CompactOptions, Intersector, MaxError, Tessellated, Trimmed,
+    Accuracy, Compact, CompactOptions, Intersector, Keep, MaxError, Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
+use crate::store::Sections;
 use crate::surface::{Diced, Grids, Rates, Surface};
 use crate::trace::{Device, Geometry, SceneHit, diced_grid_uv, diced_triangle_uv};
 
@@ -47,12 +48,13 @@ impl TracedSurface {
 }
 
 /// How a surface is to be built.
-#[derive(Clone, Copy)]
 pub struct How<'a> {
     /// The farthest that a method which compresses may move a micro-vertex.
     pub max_error: MaxError,
     /// Told how far it is, 0..1; ends it by false.
     pub go_on: &'a dyn Fn(f64) -> bool,
+    /// Takes what is built, if the method [is stored](Method::is_stored).
+    pub keep: Option<&'a mut Keep<'a>>,
 }
 
 /// From a hit to the face, and the parameters on it.
@@ -111,6 +113,36 @@ impl Method {
         }
     }
 
+    /// Whether what it builds can be kept in a [`Store`](crate::store::Store).
+    pub fn is_stored(self) -> bool {
+        self == Self::Compact
+    }
+
+    /// What was built of a surface, from a store.
+    ///
+    /// # Errors
+    /// If it is not what the method builds of such a surface, or Embree fails.
+    ///
+    /// # Panics
+    /// If the method [is not stored](Self::is_stored).
+    pub fn stored(
+        self,
+        surface: &Arc<Surface>,
+        device: &Device,
+        sections: &Sections<'_>,
+    ) -> Result<TracedSurface> {
+        assert!(self.is_stored(), "{} is not stored", self.name());
+        let tree = Compact::stored(surface, sections)?;
+        let accuracy = Some(tree.accuracy());
+        let (geometry, places, bytes) = of_hit(tree, surface, device)?;
+        Ok(TracedSurface {
+            geometry,
+            places,
+            bytes,
+            accuracy,
+        })
+    }
+
     /// Builds a surface. Embree's subdivision knows control meshes, but not our surfaces: under its name they become
     /// Embree's triangles.
     ///
@@ -122,7 +154,7 @@ impl Method {
         surface: &Arc<Surface>,
         rates: &Rates,
         device: &Device,
-        how: &How<'_>,
+        how: How<'_>,
     ) -> Result<TracedSurface> {
         let mut accuracy = None;
         let diced = || {
@@ -152,6 +184,9 @@ impl Method {
                 };
                 let tree = Compact::build(surface, rates, &options, how.go_on)?;
                 accuracy = Some(tree.accuracy());
+                if let Some(keep) = how.keep {
+                    tree.store(keep)?;
+                }
                 of_hit(tree, surface, device)?
             }
         };

@@ -11,6 +11,7 @@ mod objects;
 mod patch;
 mod shape;
 mod stand;
+mod stored;
 mod worn;
 
 pub use achieved::AchievedError;

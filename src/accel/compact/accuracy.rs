@@ -1,9 +1,11 @@
 //! How far micro-vertices may be moved by compression, and how far they were.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::{Error, Result};
 
 /// The farthest that a micro-vertex may be moved.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub enum MaxError {
     /// 2.4e-5 diagonals of the object, so that the root of the mean square of the distance to the surface, a third of
     /// that, is below 1e-5; and no more than a quarter of a pixel at the closest view, where there is one.

@@ -119,7 +119,9 @@ struct Builder<'a> {
     shared: &'a [SharedSamples],
     lattice: Lattice,
     grids: Vec<FaceGrid>,
-    built: Compact,
+    keys: u32,
+    patches: Vec<Patch>,
+    data: Vec<u8>,
     /// Squared distances that vertices were moved by.
     largest: f64,
     squares: f64,
@@ -141,25 +143,14 @@ impl<'a> Builder<'a> {
             .filter(|&face| !base.is_hole(face))
             .map(|face| FaceGrid::new(surface, rates, face))
             .collect();
-        let built = Compact {
-            isa: Isa::best(),
-            lattice,
-            reach: 0.0,
-            keys: base.keys(),
-            left_handed: base.left_handed(),
-            faces: grids.iter().map(face).collect(),
-            top: Top::default(),
-            patches: Vec::new(),
-            nodes: Vec::new(),
-            data: Vec::new(),
-            accuracy: Accuracy::default(),
-        };
         Self {
             surface,
             shared,
             lattice,
             grids,
-            built,
+            keys: base.keys(),
+            patches: Vec::new(),
+            data: Vec::new(),
             largest: 0.0,
             squares: 0.0,
             vertices: 0,
@@ -173,7 +164,7 @@ impl<'a> Builder<'a> {
         let all = self.grids.len();
         for grid in 0..all {
             let bands = usize::from(self.grids[grid].size[1]).div_ceil(SPAN);
-            for key in 0..self.built.keys {
+            for key in 0..self.keys {
                 for row in 0..bands {
                     places.push(Place { grid, key, row });
                     if places.len() == BATCH {
@@ -190,36 +181,48 @@ impl<'a> Builder<'a> {
         if !progress(1.0) {
             return Err(Stop::Error(Error::Interrupted));
         }
-        let mut built = self.built;
-        built.data.resize(built.data.len() + PADDING, 0);
-        built.data.shrink_to_fit();
+        let mut data = self.data;
+        data.resize(data.len() + PADDING, 0);
+        data.shrink_to_fit();
         let extents = self.extents.iter().flatten();
         let all = extents.copied().fold(Extent::EMPTY, Extent::union);
-        if !all.is_empty() {
-            let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
-            built.reach = (0..3).map(largest).max().unwrap_or(0) as f32;
-        }
+        let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
+        let reach = if all.is_empty() {
+            0
+        } else {
+            (0..3).map(largest).max().unwrap_or(0)
+        };
         let (top, order) = Top::new(&self.extents);
-        built.top = top;
         let mut patches = Vec::with_capacity(order.len());
         let with_node = self.nodes.iter().flatten().flatten().count();
         let mut nodes = Vec::with_capacity(with_node);
         for number in order.into_iter().map(|number| number as usize) {
-            let mut patch = built.patches[number];
+            let mut patch = self.patches[number];
             if self.nodes[0][number].is_some() {
                 patch.root = nodes.len() as u32;
                 nodes.extend(self.nodes.iter().filter_map(|key| key[number]));
             }
             patches.push(patch);
         }
-        (built.patches, built.nodes) = (patches, nodes);
-        built.accuracy = Accuracy {
-            max: self.largest.sqrt(),
-            rms: (self.squares / self.vertices.max(1) as f64).sqrt(),
-            vertices: self.vertices as u64,
-            ..Accuracy::default()
-        };
-        Ok(built)
+        let faces: Vec<Face> = self.grids.iter().map(face).collect();
+        Ok(Compact {
+            isa: Isa::best(),
+            lattice: self.lattice,
+            reach: reach as f32,
+            keys: self.keys,
+            left_handed: self.surface.base().left_handed(),
+            faces: faces.into(),
+            top,
+            patches: patches.into(),
+            nodes: nodes.into(),
+            data: data.into(),
+            accuracy: Accuracy {
+                max: self.largest.sqrt(),
+                rms: (self.squares / self.vertices.max(1) as f64).sqrt(),
+                vertices: self.vertices as u64,
+                ..Accuracy::default()
+            },
+        })
     }
 
     /// Makes some bands in parallel, and joins them.
@@ -236,7 +239,7 @@ impl<'a> Builder<'a> {
             self.join(*place, band?);
         }
         let most = u32::MAX as usize * UNIT;
-        if self.built.data.len() < most {
+        if self.data.len() < most {
             return Ok(());
         }
         Err(Stop::Error(Error::Memory {
@@ -321,9 +324,8 @@ impl<'a> Builder<'a> {
 
     /// Adds a band.
     fn join(&mut self, place: Place, band: Band) {
-        let built = &mut self.built;
-        let start = (built.data.len() / UNIT) as u32;
-        built.data.extend_from_slice(&band.data);
+        let start = (self.data.len() / UNIT) as u32;
+        self.data.extend_from_slice(&band.data);
         self.largest = self.largest.max(band.largest);
         self.squares += band.squares;
         self.vertices += band.vertices;
@@ -337,9 +339,10 @@ impl<'a> Builder<'a> {
                 root: node.data,
             };
             if key == 0 {
-                built.patches.push(patch);
+                self.patches.push(patch);
             }
-            let has_node = built.has_node(&built.fan(&patch));
+            let fan = patch.fan(self.grids[place.grid].size);
+            let has_node = self.keys > 1 || !fan.is_single();
             self.nodes[key].push(has_node.then_some(node));
             self.extents[key].push(extent);
         }

@@ -30,9 +30,13 @@ mod accuracy;
 mod block;
 mod build;
 mod patch;
+mod stored;
 #[cfg(test)]
 mod tests;
 mod traverse;
+
+use bytemuck::{Pod, Zeroable};
+use mapped::Items;
 
 use super::lattice::Lattice;
 use super::moment::Moment;
@@ -44,6 +48,7 @@ use crate::surface::FaceGrid;
 pub use accuracy::{Accuracy, MaxError};
 use block::{CELLS, Head, SIDE};
 use patch::{FAN, Fan, Node, Patch, SPAN};
+pub use stored::Keep;
 use traverse::Met;
 
 /// How to compress.
@@ -62,18 +67,19 @@ pub struct Compact {
     keys: u32,
     left_handed: bool,
     /// Those that are not holes.
-    faces: Vec<Face>,
+    faces: Items<Face>,
     /// The tree over the patches, which are in its order.
     top: Top,
-    patches: Vec<Patch>,
+    patches: Items<Patch>,
     /// Patch by patch, at each motion key.
-    nodes: Vec<Node>,
-    data: Vec<u8>,
+    nodes: Items<Node>,
+    data: Items<u8>,
     accuracy: Accuracy,
 }
 
 /// How a face is diced.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
 struct Face {
     face: u32,
     size: [u16; 2],
@@ -89,10 +95,8 @@ impl Compact {
     /// Bytes of faces, patches and the tree above, of nodes, and of blocks.
     pub fn parts(&self) -> [usize; 3] {
         [
-            self.top.memory()
-                + size_of_val(self.faces.as_slice())
-                + size_of_val(self.patches.as_slice()),
-            size_of_val(self.nodes.as_slice()),
+            self.top.memory() + size_of_val(&*self.faces) + size_of_val(&*self.patches),
+            size_of_val(&*self.nodes),
             self.data.len(),
         ]
     }
