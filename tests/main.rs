@@ -22,6 +22,7 @@ mod methods;
 mod pictures;
 mod scenes;
 mod smooth;
+mod stored;
 mod subdiv_oracle;
 mod subdivide;
 mod usd_oracle;

@@ -14,7 +14,7 @@ use relievo::world::{BuildOptions, Method, World};
 /// displaced; a cube with creases by Chaikin's rule, which moves while the shutter is open; a die whose points move; a
 /// NURBS sheet, trimmed to a disc and displaced.
 /// Heights and colours are primvars of several kinds.
-const SCENE: &str = r#"
+pub const SCENE: &str = r#"
 def Camera "Camera" {
     float focalLength = 50
     float horizontalAperture = 24

@@ -14,7 +14,8 @@
 //! Numbers are little-endian. The table names the scene, what the build was told, and the method; then each object by
 //! its prim, the digest of all that its hierarchy follows from ([`Digest`]), and its sections with their checksums.
 //! What the sections mean is the method's own affair: for `compact`, see its `stored`. Another method needs no other
-//! format, but another way of holding the same sections needs another version, or another name.
+//! format. Whoever changes what sections hold, or what is built of the same scene, raises the version: digests tell
+//! releases of the program apart, but not what lies between them.
 //!
 //! A checksum is the SHA-256 of the SHA-256s of each mebibyte, so that all threads can work on it. It finds what was
 //! damaged; what was forged has a right checksum, so methods check that all that is an index is within bounds.
