@@ -14,7 +14,7 @@ mod trimmed;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
-pub use compact::{Accuracy, Compact, CompactOptions};
+pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

@@ -25,7 +25,7 @@ use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::camera;
 use crate::scene::Description;
 use crate::trace::{Device, DeviceOptions, Scene};
-use crate::world::{Method, objects};
+use crate::world::{AchievedError, Method, objects};
 
 /// Times that everything is measured.
 const REPEATS: usize = 5;
@@ -108,6 +108,8 @@ pub struct BenchRow {
     pub bytes_per_micro_triangle: f64,
     /// Dicing and building trees, on all threads.
     pub build_seconds: f64,
+    /// How far the method moved micro-vertices, if it did.
+    pub achieved_error: Option<AchievedError>,
     /// Millions of rays a second.
     pub mrays: BySpeed,
     /// That over the same of `embree-triangles`.
@@ -133,6 +135,7 @@ struct Entry {
     /// All together.
     scene: Scene,
     bytes: u64,
+    error: Option<AchievedError>,
     builds: Vec<f64>,
     /// What rays to the reference and to triangles diced alike found.
     found: Option<[Found; 2]>,
@@ -195,7 +198,9 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     let all = objects(description, &mut warnings)?;
     let side = (options.rays.max(1) as f64).sqrt().ceil() as u32;
     let view = camera(description, [side, side])?;
-    let prepared = prepare(all, options.fineness, &|| camera(description, [960, 540]))?;
+    let prepared = prepare(all, (options.fineness, options.max_error), &|| {
+        camera(description, [960, 540])
+    })?;
     let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
 
     let mut methods = options.methods.clone();
@@ -282,6 +287,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
                 bytes: entry.bytes,
                 bytes_per_micro_triangle: entry.bytes as f64 / micro_triangles.max(1) as f64,
                 build_seconds: median(&entry.builds),
+                achieved_error: entry.error,
                 mrays,
                 ratio,
                 rms_distance: entry.found.map(|[fine, _]| fine.rms()),
@@ -324,6 +330,7 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<Entry> {
     let bytes = own + device.memory().saturating_sub(before);
     Ok(Entry {
         method,
+        error: AchievedError::of_all(traced.iter().map(|t| t.error)),
         traced,
         scene,
         bytes: bytes as u64,

@@ -21,7 +21,7 @@ use crate::render::camera;
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{Method, objects};
+use crate::world::{AchievedError, Method, objects};
 
 /// How many times as fine references are, along an edge.
 const FINER: u32 = 4;
@@ -59,6 +59,8 @@ pub struct VerifyRow {
     pub max_normal_degrees: f64,
     /// Rays that left a closed mesh from within.
     pub leaks: u64,
+    /// How far the method moved micro-vertices, if it did: a part of the distances.
+    pub achieved_error: Option<AchievedError>,
 }
 
 /// What rays found, in sums.
@@ -74,6 +76,7 @@ pub(super) struct Found {
     squares: f64,
     degrees: f64,
     leaks: u64,
+    error: Option<AchievedError>,
 }
 
 impl Found {
@@ -92,6 +95,7 @@ impl Found {
             squares: self.squares + other.squares,
             degrees: self.degrees.max(other.degrees),
             leaks: self.leaks + other.leaks,
+            error: AchievedError::of_all([self.error, other.error]),
         }
     }
 }
@@ -104,7 +108,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     let mut warnings = Warnings::default();
     let objects = objects(description, &mut warnings)?;
     let view = || camera(description, [960, 540]);
-    let prepared = prepare(objects, options.fineness, &view)?;
+    let prepared = prepare(objects, (options.fineness, options.max_error), &view)?;
     let mut found: Vec<(Method, &'static str, Found)> = Vec::new();
     for prepared in &prepared {
         let device = Device::new(&DeviceOptions::default())?;
@@ -131,6 +135,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
             for (name, reference) in references.into_iter().flatten() {
                 let now = Found {
                     leaks,
+                    error: traced.error,
                     ..compare(prepared, &traced, reference, options.rays)
                 };
                 match found
@@ -153,6 +158,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
         rms_distance: found.rms(),
         max_normal_degrees: found.degrees,
         leaks: found.leaks,
+        achieved_error: found.error,
     };
     Ok(Verified {
         rows: found.into_iter().map(row).collect(),

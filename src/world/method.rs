@@ -2,9 +2,13 @@
 
 use std::sync::Arc;
 
-use crate::accel::{Compact, CompactOptions, Intersector, Tessellated, Trimmed};
-use crate::error::Result;
+use super::achieved::AchievedError;
+use crate::accel::{
+    Accuracy, Compact, CompactOptions, Intersector, Keep, MaxError, Tessellated, Trimmed,
+};
+use crate::error::{Error, Result};
 use crate::math::Vec2;
+use crate::store::Sections;
 use crate::surface::{Diced, Grids, Rates, Surface};
 use crate::trace::{Device, Geometry, SceneHit, SceneOptions, diced_grid_uv, diced_triangle_uv};
 
@@ -34,6 +38,25 @@ pub struct TracedSurface {
     pub places: HitPlaces,
     /// Bytes held beside Embree's.
     pub bytes: usize,
+    /// How far the method moved micro-vertices, if it did.
+    pub accuracy: Option<Accuracy>,
+}
+
+impl TracedSurface {
+    /// How far the method moved micro-vertices, if it did, by the object's size and in pixels.
+    pub fn error(&self) -> Option<AchievedError> {
+        self.accuracy.as_ref().map(AchievedError::of)
+    }
+}
+
+/// How a surface is to be built.
+pub struct How<'a> {
+    /// The farthest that a method which compresses may move a micro-vertex.
+    pub max_error: MaxError,
+    /// Told how far it is, 0..1; ends it by false.
+    pub go_on: &'a dyn Fn(f64) -> bool,
+    /// Takes what is built, if the method [is stored](Method::is_stored).
+    pub keep: Option<&'a mut Keep<'a>>,
 }
 
 /// From a hit to the face, and the parameters on it.
@@ -103,37 +126,80 @@ impl Method {
         }
     }
 
+    /// Whether what it builds can be kept in a [`Store`](crate::store::Store).
+    pub fn is_stored(self) -> bool {
+        self == Self::Compact
+    }
+
+    /// What was built of a surface, from a store.
+    ///
+    /// # Errors
+    /// If it is not what the method builds of such a surface, or Embree fails.
+    ///
+    /// # Panics
+    /// If the method [is not stored](Self::is_stored).
+    pub fn stored(
+        self,
+        surface: &Arc<Surface>,
+        device: &Device,
+        sections: &Sections<'_>,
+    ) -> Result<TracedSurface> {
+        assert!(self.is_stored(), "{} is not stored", self.name());
+        let tree = Compact::stored(surface, sections)?;
+        let accuracy = Some(tree.accuracy());
+        let (geometry, places, bytes) = of_hit(tree, surface, device)?;
+        Ok(TracedSurface {
+            geometry,
+            places,
+            bytes,
+            accuracy,
+        })
+    }
+
     /// Builds a surface. Embree's subdivision knows control meshes, but not our surfaces: under its name they become
     /// Embree's triangles.
     ///
     /// # Errors
-    /// If there are more micro-triangles than the method can number, or memory runs out.
+    /// If there are more micro-triangles than the method can number, or memory runs out; if it is ended; if an error in
+    /// pixels is asked for, and the rates know of none.
     pub fn build(
         self,
         surface: &Arc<Surface>,
         rates: &Rates,
         device: &Device,
+        how: How<'_>,
     ) -> Result<TracedSurface> {
-        let diced = || Arc::new(Diced::new(surface, rates));
+        let mut accuracy = None;
+        let diced = || {
+            let diced = Diced::watched(surface, rates, how.go_on);
+            diced.map(Arc::new).ok_or(Error::Interrupted)
+        };
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {
-                let diced = diced();
+                let diced = diced()?;
                 let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_triangles(device, &diced)?;
                 (geometry, HitPlaces::Triangles(grids), bytes)
             }
             Self::EmbreeGrid | Self::EmbreeGridCompact => {
-                let diced = diced();
+                let diced = diced()?;
                 let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_grids(device, &diced)?;
                 (geometry, HitPlaces::Grids(grids), bytes)
             }
-            Self::Tessellated => of_hit(Tessellated::build(diced()), surface, device)?,
+            Self::Tessellated => of_hit(Tessellated::build(diced()?), surface, device)?,
             Self::Compact => {
                 // It dices by itself, a few rows at a time.
-                let tree = Compact::build(surface, rates, &CompactOptions::default(), &|_| true)?;
+                let options = CompactOptions {
+                    max_error: how.max_error,
+                };
+                let tree = Compact::build(surface, rates, &options, how.go_on)?;
+                accuracy = Some(tree.accuracy());
+                if let Some(keep) = how.keep {
+                    tree.store(keep)?;
+                }
                 of_hit(tree, surface, device)?
             }
         };
@@ -142,6 +208,7 @@ impl Method {
             geometry,
             places,
             bytes,
+            accuracy,
         })
     }
 }

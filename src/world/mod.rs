@@ -1,5 +1,6 @@
 //! The built scene: what a ray meets, and what that point looks like.
 
+mod achieved;
 mod build;
 mod displacement;
 mod estimate;
@@ -10,14 +11,17 @@ mod objects;
 mod patch;
 mod shape;
 mod stand;
+mod stored;
 mod worn;
 
+pub use achieved::AchievedError;
 pub use build::{BuildOptions, Built};
 pub use estimate::micro_triangles;
 pub use interaction::Interaction;
-pub use method::{HitPlaces, Method, TracedSurface};
+pub use method::{HitPlaces, How, Method, TracedSurface};
 pub use objects::{Object, objects};
 
+pub use crate::accel::MaxError;
 pub use crate::surface::Dicing;
 
 use crate::accel::Hit;
