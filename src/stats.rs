@@ -1,12 +1,15 @@
 //! What a render cost: seconds by stage, rays, bytes. Written as JSON by `--stats`.
 
+mod achieved;
+
 use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
 
 use crate::error::{Error, Result, Warning};
-use crate::world::AchievedError;
+
+pub use achieved::AchievedError;
 
 /// Everything that `--stats` writes.
 #[derive(Debug, Clone, Default, Serialize)]

@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::achieved::AchievedError;
 use super::displacement::Heights;
 use super::geometry::{Displaced, Maker, Wanted};
 use super::method::Method;
@@ -24,6 +23,7 @@ use crate::shade::camera::Camera;
 use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Lookup;
+use crate::stats::AchievedError;
 use crate::store::{Store, Writer};
 use crate::surface::Dicing;
 use crate::trace::{Device, Geometry, Scene, SceneBuilder};

@@ -3,7 +3,6 @@
 
 use std::sync::Arc;
 
-use super::achieved::AchievedError;
 use super::build::BuildOptions;
 use super::displacement::{Heights, by_callback, coordinates};
 use super::method::{How, Method, TracedSurface};
@@ -17,6 +16,7 @@ use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule, t
 use crate::scene::Input;
 use crate::shade::camera::Camera;
 use crate::shade::material::Material;
+use crate::stats::AchievedError;
 use crate::surface::{self, Carrier, Displacement, Patch, Places, Rates, Subdivision};
 use crate::trace::{self, Device, Geometry, SubdivisionOptions, check_limits};
 

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::achieved::AchievedError;
 use crate::accel::{
     Accuracy, Compact, CompactOptions, Intersector, Keep, MaxError, Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
+use crate::stats::AchievedError;
 use crate::store::Sections;
 use crate::surface::{Diced, Grids, Rates, Surface};
 use crate::trace::{Device, Geometry, SceneHit, SceneOptions, diced_grid_uv, diced_triangle_uv};
@@ -45,7 +45,7 @@ pub struct TracedSurface {
 impl TracedSurface {
     /// How far the method moved micro-vertices, if it did, by the object's size and in pixels.
     pub fn error(&self) -> Option<AchievedError> {
-        self.accuracy.as_ref().map(AchievedError::of)
+        self.accuracy.as_ref().map(Accuracy::achieved)
     }
 }
 

@@ -1,6 +1,5 @@
 //! The built scene: what a ray meets, and what that point looks like.
 
-mod achieved;
 mod build;
 mod displacement;
 mod estimate;
@@ -14,7 +13,6 @@ mod stand;
 mod stored;
 mod worn;
 
-pub use achieved::AchievedError;
 pub use build::{BuildOptions, Built};
 pub use estimate::micro_triangles;
 pub use interaction::Interaction;
@@ -22,6 +20,7 @@ pub use method::{HitPlaces, How, Method, TracedSurface};
 pub use objects::{Object, objects};
 
 pub use crate::accel::MaxError;
+pub use crate::stats::AchievedError;
 pub use crate::surface::Dicing;
 
 use crate::accel::Hit;

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::stats::AchievedError;
 
 /// The farthest that a micro-vertex may be moved.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -61,4 +62,20 @@ pub struct Accuracy {
     pub diagonal: f64,
     /// Pixels that a unit covers at the closest view; none where no pixels are known.
     pub pixels_per_unit: Option<f64>,
+}
+
+impl Accuracy {
+    /// The same in diagonals and pixels.
+    pub fn achieved(&self) -> AchievedError {
+        let diagonals = |error: f64| match self.diagonal {
+            diagonal if diagonal > 0.0 => error / diagonal,
+            _ => 0.0,
+        };
+        AchievedError {
+            max_diagonals: diagonals(self.max),
+            rms_diagonals: diagonals(self.rms),
+            max_pixels: (self.pixels_per_unit).map(|pixels| pixels * self.max),
+            vertices: self.vertices,
+        }
+    }
 }

@@ -2,8 +2,6 @@
 
 use serde::Serialize;
 
-use crate::accel::Accuracy;
-
 /// Of all objects that are traced by a method that moves them.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct AchievedError {
@@ -13,25 +11,12 @@ pub struct AchievedError {
     pub rms_diagonals: f64,
     /// The farthest, in pixels at its object's closest view; none where no pixels are known.
     pub max_pixels: Option<f64>,
+    /// How many there are.
     #[serde(skip)]
-    vertices: u64,
+    pub vertices: u64,
 }
 
 impl AchievedError {
-    /// That of one object.
-    pub fn of(accuracy: &Accuracy) -> Self {
-        let diagonals = |error: f64| match accuracy.diagonal {
-            diagonal if diagonal > 0.0 => error / diagonal,
-            _ => 0.0,
-        };
-        Self {
-            max_diagonals: diagonals(accuracy.max),
-            rms_diagonals: diagonals(accuracy.rms),
-            max_pixels: (accuracy.pixels_per_unit).map(|pixels| pixels * accuracy.max),
-            vertices: accuracy.vertices,
-        }
-    }
-
     /// That of these objects and those.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
@@ -58,24 +43,20 @@ mod tests {
 
     #[test]
     fn objects_count_by_their_vertices() {
-        let of = |max, rms, vertices, pixels_per_unit| {
-            AchievedError::of(&Accuracy {
-                asked: 1.0,
-                max,
-                rms,
-                vertices,
-                diagonal: 10.0,
-                pixels_per_unit,
-            })
+        let of = |max, rms, vertices, max_pixels| AchievedError {
+            max_diagonals: max,
+            rms_diagonals: rms,
+            max_pixels,
+            vertices,
         };
         let all = [
-            Some(of(1.0, 0.5, 300, None)),
+            Some(of(0.1, 0.05, 300, None)),
             None,
-            Some(of(0.4, 0.1, 100, Some(2.0))),
+            Some(of(0.04, 0.01, 100, Some(0.8))),
         ];
         let all = AchievedError::of_all(all).expect("two have one");
         assert_eq!((all.max_diagonals, all.max_pixels), (0.1, Some(0.8)));
-        let expected = ((3.0 * 0.25 + 0.01_f64) / 4.0).sqrt() / 10.0;
+        let expected = ((3.0 * 0.05 * 0.05 + 0.01 * 0.01_f64) / 4.0).sqrt();
         assert!((all.rms_diagonals - expected).abs() < 1e-12);
         assert_eq!(AchievedError::of_all([None]), None);
     }
