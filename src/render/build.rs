@@ -2,9 +2,9 @@
 
 use std::fs::File;
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-use super::{Progress, RenderOptions, Staged, stage};
+use super::{Progress, RenderOptions, Staged, building, stage};
 use crate::error::{Error, Result};
 use crate::image::write_whole;
 use crate::stats::Stats;
@@ -56,16 +56,15 @@ pub fn build(
         let file = File::create(temporary)
             .map_err(|e| Error::failed(format!("{}: {e}", store.display())))?;
         let mut writer = Writer::new(file, store, &options.scene, method.name(), told)?;
-        progress.stage("build", 1000);
-        let built = stats.time("build", |_| {
-            pool.install(|| {
-                let go_on = |done: f64| {
-                    progress.at((1000.0 * done) as u64);
-                    !interrupt.load(Ordering::Relaxed)
-                };
-                let build = &options.build;
-                World::record(description, camera, device, build, &mut writer, &go_on)
-            })
+        let built = building(pool, progress, &mut stats, interrupt, |go_on| {
+            World::record(
+                description,
+                camera,
+                device,
+                &options.build,
+                &mut writer,
+                go_on,
+            )
         })?;
         progress.warn(&built.warnings);
         stats.achieved_error = built.error;

@@ -29,7 +29,7 @@ use crate::shade::sampler::Sampler;
 use crate::stats::{Bytes, Rays, SceneCounts, Stage, Stats};
 use crate::store::Store;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{BuildOptions, World};
+use crate::world::{BuildOptions, Built, World};
 
 /// Everything that a render can be told. `None` leaves it to the scene, then to the default.
 #[derive(Debug, Clone)]
@@ -109,20 +109,12 @@ pub fn render(
     stats.scene_hash = hash(&description)?;
     let settings = &description.settings;
 
-    // Build.
-    progress.stage("build", 1000);
-    let built = stats.time("build", |_| {
-        pool.install(|| {
-            let go_on = |done: f64| {
-                progress.at((1000.0 * done) as u64);
-                !interrupt.load(Ordering::Relaxed)
-            };
-            let build = &options.build;
-            match &options.built {
-                Some(store) => World::stored(&description, &camera, &device, build, store, &go_on),
-                None => World::build(&description, &camera, &device, build, &go_on),
-            }
-        })
+    let built = building(&pool, progress, &mut stats, interrupt, |go_on| {
+        let build = &options.build;
+        match &options.built {
+            Some(store) => World::stored(&description, &camera, &device, build, store, go_on),
+            None => World::build(&description, &camera, &device, build, go_on),
+        }
     })?;
     let world = built.world;
     stats.achieved_error = built.error;
@@ -268,6 +260,22 @@ fn stage(
         pool,
         film_bytes,
     })
+}
+
+/// The stage `build` on the pool's threads. `build` is handed what it is to tell how far it is, and whether to go on.
+fn building(
+    pool: &rayon::ThreadPool,
+    progress: &Progress,
+    stats: &mut Stats,
+    interrupt: &AtomicBool,
+    build: impl FnOnce(&(dyn Fn(f64) -> bool + Sync)) -> Result<Built> + Send,
+) -> Result<Built> {
+    progress.stage("build", 1000);
+    let go_on = |done: f64| {
+        progress.at((1000.0 * done) as u64);
+        !interrupt.load(Ordering::Relaxed)
+    };
+    stats.time("build", |_| pool.install(|| build(&go_on)))
 }
 
 fn interrupted(interrupt: &AtomicBool) -> Result<()> {

@@ -90,11 +90,6 @@ impl World {
         store: &mut Writer,
         go_on: &(dyn Fn(f64) -> bool + Sync),
     ) -> Result<Built> {
-        assert!(
-            options.method.is_stored(),
-            "{} is not stored",
-            options.method.name()
-        );
         let source = Source::Recorded(store);
         Self::from(description, camera, device, options, source, go_on)
     }
@@ -114,11 +109,6 @@ impl World {
         store: &Store,
         go_on: &(dyn Fn(f64) -> bool + Sync),
     ) -> Result<Built> {
-        assert!(
-            options.method.is_stored(),
-            "{} is not stored",
-            options.method.name()
-        );
         let source = Source::Stored(store);
         Self::from(description, camera, device, options, source, go_on)
     }
@@ -131,6 +121,11 @@ impl World {
         source: Source<'_>,
         go_on: &(dyn Fn(f64) -> bool + Sync),
     ) -> Result<Built> {
+        assert!(
+            matches!(source, Source::Built) || options.method.is_stored(),
+            "{} is not stored",
+            options.method.name()
+        );
         let mut warnings = Warnings::default();
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
