@@ -32,6 +32,22 @@ impl DataType {
             Self::F32 => 4,
         }
     }
+
+    /// Whether it counts in whole steps, up to [`DataType::one`].
+    #[must_use]
+    pub fn is_integer(self) -> bool {
+        matches!(self, Self::U8 | Self::U16)
+    }
+
+    /// What is stored for 1.
+    #[must_use]
+    pub fn one(self) -> f32 {
+        match self {
+            Self::U8 => 255.0,
+            Self::U16 => 65535.0,
+            Self::F16 | Self::F32 => 1.0,
+        }
+    }
 }
 
 /// What a filter sees beyond an edge that has no neighbour.
