@@ -11,6 +11,7 @@
 
 mod cache;
 mod error;
+pub mod filter;
 mod layout;
 mod meta;
 mod reader;
@@ -22,6 +23,7 @@ mod zip;
 
 pub use cache::Cache;
 pub use error::{Error, ErrorKind, Result};
+pub use filter::{Filter, FilterKind};
 pub use layout::{ExtHeader, Header, LevelInfo, StoredFace};
 pub use meta::{Meta, MetaValue};
 pub use reader::{Reader, Texels};
