@@ -1,5 +1,8 @@
 //! What the tests share: the oracle files, where they are.
 
+// Each test uses some of it.
+#![allow(dead_code)]
+
 use std::path::{Path, PathBuf};
 
 use relievo_ptex::{Cache, DataType, Reader, Texels};
