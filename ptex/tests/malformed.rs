@@ -78,10 +78,20 @@ fn damaged_files_do_what_is_required() {
         let failed = outcome.faces.iter().filter(|f| f.is_err()).count();
         match name {
             // Damage to what all faces need, or that is found before any is read.
-            "empty.ptx" | "trunc_header.ptx" | "trunc_faceinfo.ptx" | "trunc_level.ptx"
-            | "bad_magic.ptx" | "version2.ptx" | "bad_meshtype.ptx" | "bad_datatype.ptx"
-            | "zero_channels.ptx" | "alpha_out_of_range.ptx" | "huge_nfaces.ptx"
-            | "nlevels_more.ptx" | "huge_leveldata.ptx" | "zlib_faceinfo.ptx"
+            "empty.ptx"
+            | "trunc_header.ptx"
+            | "trunc_faceinfo.ptx"
+            | "trunc_level.ptx"
+            | "bad_magic.ptx"
+            | "version2.ptx"
+            | "bad_meshtype.ptx"
+            | "bad_datatype.ptx"
+            | "zero_channels.ptx"
+            | "alpha_out_of_range.ptx"
+            | "huge_nfaces.ptx"
+            | "nlevels_more.ptx"
+            | "huge_leveldata.ptx"
+            | "zlib_faceinfo.ptx"
             | "absurd_res.ptx" => {
                 assert!(required.starts_with("open"), "{required}");
                 assert!(required.contains("open error"), "{required}");
