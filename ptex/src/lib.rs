@@ -18,7 +18,9 @@ mod reader;
 mod reduce;
 mod sample;
 mod source;
+mod temporary;
 pub mod types;
+mod writer;
 mod zip;
 
 pub use cache::Cache;
@@ -28,3 +30,4 @@ pub use layout::{ExtHeader, Header, LevelInfo, StoredFace};
 pub use meta::{Meta, MetaValue};
 pub use reader::{Reader, Texels};
 pub use types::{BorderMode, DataType, EdgeFilter, FaceInfo, MeshType, Neighbour, Res};
+pub use writer::{EncodedFace, Format, Writer};

@@ -1,5 +1,9 @@
 //! What the tests share: the oracle files, where they are.
 
+// Each test uses some of it.
+#![allow(dead_code, clippy::unwrap_used)]
+
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use relievo_ptex::{Cache, DataType, Reader, Texels};
@@ -16,7 +20,10 @@ pub(crate) struct Oracle {
 /// The folder of the oracles. Without it a test says so, and checks nothing.
 pub(crate) fn folder() -> Option<PathBuf> {
     let Some(shared) = std::env::var_os("RELIEVO_SHARED") else {
-        eprintln!("SKIPPED: RELIEVO_SHARED names no folder with oracles");
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: RELIEVO_SHARED names no folder with oracles"
+        );
         return None;
     };
     let folder = Path::new(&shared).join("oracles/ptex");
