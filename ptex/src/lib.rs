@@ -25,7 +25,7 @@ mod zip;
 
 pub use cache::Cache;
 pub use error::{Error, ErrorKind, Result};
-pub use filter::{Filter, FilterKind};
+pub use filter::{Consistent, FaceBounds, Filter, FilterKind};
 pub use layout::{ExtHeader, Header, LevelInfo, StoredFace};
 pub use meta::{Meta, MetaValue};
 pub use reader::{Reader, Texels};

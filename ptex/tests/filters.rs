@@ -2,6 +2,8 @@
 //!
 //! Tolerances are those of the oracles' own statement: 2e-5, four times that for half and single floats.
 
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
+
 mod common;
 
 use std::collections::BTreeMap;

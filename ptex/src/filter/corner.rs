@@ -36,12 +36,12 @@ impl Spread<'_, '_> {
             let before = at.face;
             at = Met {
                 face: next.face,
-                leaves_by: usize::from(next.edge + 1 & 3),
+                leaves_by: usize::from(next.edge + 1) & 3,
             };
             if at == start {
                 break true;
             }
-            let named = self.face(at.face).neighbours[at.leaves_by + 3 & 3];
+            let named = self.face(at.face).neighbours[(at.leaves_by + 3) & 3];
             if self.face(before).subface
                 && !self.face(at.face).subface
                 && named.is_some_and(|named| named.face == before)

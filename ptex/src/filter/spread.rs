@@ -252,24 +252,21 @@ impl<'a, 't> Spread<'a, 't> {
         };
         let mut to = next.face;
         let mut turns = edge as i32 - i32::from(next.edge) + 2;
-        match (from.subface, self.face(to).subface) {
-            (false, true) => {
-                if !kernel.enter_subface(edge as i32) {
-                    let beside = usize::from(next.edge + 3 & 3);
-                    let Some(second) = self.face(to).neighbours[beside] else {
-                        self.leave_out(&kernel);
-                        return Ok(());
-                    };
-                    to = second.face;
-                    turns += beside as i32 - i32::from(second.edge) + 2;
-                }
+        let (is_subface, goes_to_subface) = (from.subface, self.face(to).subface);
+        if goes_to_subface && !is_subface {
+            if !kernel.enter_subface(edge as i32) {
+                let beside = usize::from(next.edge + 3) & 3;
+                let Some(second) = self.face(to).neighbours[beside] else {
+                    self.leave_out(&kernel);
+                    return Ok(());
+                };
+                to = second.face;
+                turns += beside as i32 - i32::from(second.edge) + 2;
             }
-            (true, false) => {
-                let named = self.face(to).neighbours[usize::from(next.edge)];
-                let first = named.is_some_and(|named| named.face == face);
-                kernel.leave_subface(edge as i32 - i32::from(first));
-            }
-            _ => {}
+        } else if is_subface && !goes_to_subface {
+            let named = self.face(to).neighbours[usize::from(next.edge)];
+            let first = named.is_some_and(|named| named.face == face);
+            kernel.leave_subface(edge as i32 - i32::from(first));
         }
         kernel.turn(turns);
         self.place(kernel, to)
@@ -324,7 +321,7 @@ impl<'a, 't> Spread<'a, 't> {
         };
         let texels = reader.texels(face, res, self.target.premultiply)?;
         let (first, out) = (self.target.first_channel, &mut *self.target.out);
-        let mut add = |first, out: &mut [f32]| {
+        let add = |first, out: &mut [f32]| {
             texels.add_weighted(
                 kernel.u.at as usize,
                 kernel.v.at as usize,

@@ -7,12 +7,15 @@
 //! triangles. Results agree with files' original library; [`Consistent`] is a lookup of our own beside them, for
 //! displacement, of which every face that shares an edge sees the same bits.
 
+mod consistent;
 mod corner;
 mod kernel;
 mod spread;
 mod triangle;
 
 use std::str::FromStr;
+
+pub use consistent::{Consistent, FaceBounds};
 
 use crate::error::{Error, Result};
 use crate::reader::Reader;
