@@ -83,11 +83,12 @@ pub struct Filter {
     pub sharpness: f32,
     /// Blends between reductions, so that nothing jumps as widths change. Not for point, bilinear and box.
     pub lerp: bool,
-    /// Goes on in the neighbours. Without it every face is filtered as if it had none.
+    /// Goes on in the neighbours. Without it every face of a mesh of quads is filtered as if it had none; in meshes of
+    /// triangles it has no effect.
     pub edge_blend: bool,
     /// Multiplies the widths of lookups.
     pub width: f32,
-    /// Is added to the widths of lookups, in units of a face.
+    /// Is added to the widths of lookups, in units of a face that is no sub-face.
     pub blur: f32,
 }
 
@@ -177,7 +178,7 @@ impl Filter {
             kernel.u.onto_half();
             kernel.v.onto_half();
         }
-        Spread::new(target, kernel.weight()).start(kernel, face, self.edge_blend)
+        Spread::new(target).start(kernel, face, self.edge_blend)
     }
 }
 
@@ -206,7 +207,10 @@ fn check(
             "ask for a face of the file",
         ));
     }
-    if first_channel + channels > reader.channels() || channels == 0 {
+    let fits = first_channel
+        .checked_add(channels)
+        .is_some_and(|end| end <= reader.channels());
+    if !fits || channels == 0 {
         return Err(Error::request(
             format!(
                 "{channels} channels from {first_channel} on are asked for, and there are {}",

@@ -1,4 +1,4 @@
-//! Filters against every value that the shared oracle files tell. Needs `RELIEVO_SHARED`.
+//! Filters: every value that the shared oracle files tell, which needs `RELIEVO_SHARED`, and what is true of any file.
 //!
 //! Tolerances are those of the oracles' own statement: 2e-5, four times that for half and single floats.
 
@@ -8,8 +8,13 @@ mod common;
 
 use std::collections::BTreeMap;
 
+use common::mesh::{Mesh, noise, polygons, read, rotated};
 use common::{Oracle, oracles};
-use relievo_ptex::{DataType, Filter, FilterKind, Reader};
+use proptest::prelude::*;
+use relievo_ptex::{
+    BorderMode, DataType, EdgeFilter, FaceInfo, Filter, FilterKind, Format, MeshType, Neighbour,
+    Reader, Res,
+};
 use serde_json::Value;
 
 #[test]
@@ -158,4 +163,226 @@ fn kinds_have_names() {
             .help()
             .contains("mitchell")
     );
+}
+
+fn any_filter() -> impl Strategy<Value = Filter> {
+    let kind = prop::sample::select(FilterKind::NAMES.map(|(_, kind)| kind).to_vec());
+    (
+        kind,
+        0.0..1.0_f32,
+        any::<bool>(),
+        any::<bool>(),
+        0.5..2.0_f32,
+        0.0..0.3_f32,
+    )
+        .prop_map(|(kind, sharpness, lerp, edge_blend, width, blur)| Filter {
+            kind,
+            sharpness,
+            lerp,
+            edge_blend,
+            width,
+            blur,
+        })
+}
+
+/// Where and how wide: widths over all sizes, and places at edges and corners.
+fn any_lookup() -> impl Strategy<Value = ([f32; 2], [f32; 4])> {
+    let place = prop_oneof![
+        0.0..1.0_f32,
+        Just(0.0),
+        Just(1.0),
+        Just(0.5),
+        0.0..0.02_f32,
+        -1.5..2.5_f32
+    ];
+    let width = prop_oneof![
+        0.0..0.1_f32,
+        0.0..4.0_f32,
+        Just(0.0),
+        Just(0.25),
+        Just(-1.0)
+    ];
+    (prop::array::uniform2(place), prop::array::uniform4(width))
+}
+
+fn size(seed: u32, face: u32) -> Res {
+    let log2 = |channel| (noise(seed, face, [0.1, 0.2], channel) * 6.0) as i8;
+    Res {
+        ulog2: log2(0),
+        vlog2: log2(1),
+    }
+}
+
+fn one(reader: &Reader, filter: &Filter, face: u32, [u, v]: [f32; 2], w: [f32; 4]) -> f32 {
+    let mut out = [f32::NAN];
+    filter
+        .eval(reader, face, u, v, w, 0, false, &mut out)
+        .unwrap();
+    out[0]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    /// Whatever the faces around: weights sum to one.
+    #[test]
+    fn constant_textures_stay_constant(which: u32, seed: u32, filter in any_filter(), (at, w) in any_lookup()) {
+        let mesh = Mesh::new(&rotated(polygons(which), seed), |face| size(seed, face));
+        // A second channel keeps faces from being stored as constant.
+        let reader = mesh.reader(2, |face, at, channel| if channel == 0 { 0.7 } else { noise(seed, face, at, 1) });
+        for face in 0..reader.face_count() {
+            let value = one(&reader, &filter, face, at, w);
+            prop_assert!((value - 0.7).abs() < 2e-5, "face {}: {}", face, value);
+        }
+    }
+
+    /// Files lie. Kernels without negative parts stay between what is there, the others stay numbers.
+    #[test]
+    fn any_adjacency_gives_a_result(
+        seed: u32, triangles: bool, modes in 0..3_u32, filter in any_filter(), (at, w) in any_lookup(),
+    ) {
+        const FACES: u32 = 6;
+        let random = |face, k| noise(seed, face, [0.3, 0.4], k);
+        let mut faces: Vec<FaceInfo> = (0..FACES)
+            .map(|face| FaceInfo {
+                res: size(seed, face),
+                neighbours: std::array::from_fn(|edge| {
+                    (random(face, edge) < 0.9 && !(triangles && edge == 3)).then(|| Neighbour {
+                        face: (random(face, 10 + edge) * FACES as f32) as u32,
+                        edge: (random(face, 20 + edge) * if triangles { 3.0 } else { 4.0 }) as u8,
+                    })
+                }),
+                constant: false,
+                has_edits: false,
+                constant_neighbourhood: false,
+                subface: random(face, 5) < 0.6 && !triangles,
+            })
+            .collect();
+        let mut format = Format::new(MeshType::Quad, DataType::F32, 3);
+        format.u_border = [BorderMode::Clamp, BorderMode::Periodic, BorderMode::Black][modes as usize];
+        format.edge_filter = if seed & 1 == 1 { EdgeFilter::TangentVector } else { EdgeFilter::None };
+        if triangles {
+            format.mesh_type = MeshType::Triangle;
+            faces.iter_mut().for_each(|face| face.res.vlog2 = face.res.ulog2);
+        }
+        let reader = read(format, &faces, |face, at, channel| 1.0 + noise(seed, face, at, channel));
+        for face in 0..FACES {
+            let mut out = [f32::NAN; 3];
+            filter.eval(&reader, face, at[0], at[1], w, 0, false, &mut out).unwrap();
+            let sharp = matches!(filter.kind, FilterKind::Bicubic | FilterKind::CatmullRom | FilterKind::Mitchell);
+            if triangles || !sharp {
+                let low = if modes == 2 { -1e-4 } else { 0.999 };
+                prop_assert!(out[2] > low && out[2] < 2.001, "face {}: {:?}", face, out);
+            }
+            prop_assert!(out.iter().all(|x| x.is_finite()), "face {}: {:?}", face, out);
+        }
+    }
+}
+
+/// Two faces of a plane, each begun at any of its corners: what lies along their edge is the same from both, and a slope
+/// goes on through it.
+#[test]
+fn slopes_go_on_in_turned_neighbours() {
+    for turns in 0..16 {
+        let mut polygons = vec![vec![0, 1, 4, 3], vec![1, 2, 5, 4]];
+        polygons[0].rotate_left(turns % 4);
+        polygons[1].rotate_left(turns / 4);
+        let mesh = Mesh::new(&polygons, |_| Res { ulog2: 3, vlog2: 3 });
+        let position = |face: u32, [u, v]: [f32; 2]| {
+            let corner = |k: usize| {
+                let vertex = polygons[face as usize][k];
+                [(vertex % 3) as f32, (vertex / 3) as f32]
+            };
+            let (a, b, d) = (corner(0), corner(1), corner(3));
+            [0, 1].map(|i| a[i] + (b[i] - a[i]) * u + (d[i] - a[i]) * v)
+        };
+        let reader = mesh.reader(1, |face, at, _| position(face, at)[0]);
+        for (name, kind) in FilterKind::NAMES {
+            if kind == FilterKind::Point {
+                continue;
+            }
+            let filter = Filter::new(kind);
+            for face in 0..2 {
+                for at in [[0.0, 0.5], [1.0, 0.5], [0.5, 0.0], [0.5, 1.0], [0.5, 0.5]] {
+                    let [x, _] = position(face, at);
+                    // Borders flatten what is close to them.
+                    if x < 0.4 || x > 1.6 {
+                        continue;
+                    }
+                    let value = one(&reader, &filter, face, at, [0.125, 0.0, 0.0, 0.125]);
+                    assert!(
+                        (value - x).abs() < 2e-4,
+                        "{name} {turns} {face} {at:?}: {value} for {x}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+/// Tangent vectors keep their direction on the surface across edges, whichever way faces are turned.
+#[test]
+fn vectors_turn_with_the_frame() {
+    let mut format = Format::new(MeshType::Quad, DataType::F32, 3);
+    format.edge_filter = EdgeFilter::TangentVector;
+    for turns in 0..4 {
+        let mut polygons = vec![vec![0, 1, 4, 3], vec![1, 2, 5, 4]];
+        polygons[1].rotate_left(turns);
+        let mesh = Mesh::new(&polygons, |_| Res { ulog2: 2, vlog2: 2 });
+        // The vector (1, 0) of face 0, in the frame of face 1; and noise, or faces would be constant.
+        let here = [[1.0, 0.0], [0.0, -1.0], [-1.0, 0.0], [0.0, 1.0]][turns];
+        let reader = read(format.clone(), &mesh.faces, |face, at, channel| {
+            match (face, channel) {
+                (_, 2) => noise(1, face, at, 2),
+                (0, _) => [1.0, 0.0][channel],
+                _ => here[channel],
+            }
+        });
+        let mut out = [0.0; 2];
+        Filter::new(FilterKind::BSpline)
+            .eval(
+                &reader,
+                0,
+                0.95,
+                0.5,
+                [0.3, 0.0, 0.0, 0.3],
+                0,
+                false,
+                &mut out,
+            )
+            .unwrap();
+        assert!(
+            (out[0] - 1.0).abs() < 1e-5 && out[1].abs() < 1e-5,
+            "{turns}: {out:?}"
+        );
+    }
+}
+
+#[test]
+fn what_cannot_be_is_an_error() {
+    let mesh = Mesh::new(&polygons(0), |_| Res { ulog2: 1, vlog2: 1 });
+    let reader = mesh.reader(2, |face, at, channel| noise(1, face, at, channel));
+    let filter = Filter::new(FilterKind::Box);
+    let mut out = [0.0; 3];
+    for (face, u, w, first, count) in [
+        (6, 0.5, 0.1, 0, 1),
+        (0, f32::NAN, 0.1, 0, 1),
+        (0, 0.5, f32::INFINITY, 0, 1),
+        (0, 0.5, 0.1, 0, 3),
+        (0, 0.5, 0.1, 2, 1),
+        (0, 0.5, 0.1, usize::MAX, 2),
+        (0, 0.5, 0.1, 0, 0),
+    ] {
+        let result = filter.eval(
+            &reader,
+            face,
+            u,
+            0.5,
+            [w; 4],
+            first,
+            false,
+            &mut out[..count],
+        );
+        assert!(result.is_err(), "{face} {u} {w} {first} {count}");
+    }
 }

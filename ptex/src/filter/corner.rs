@@ -62,14 +62,10 @@ impl Spread<'_, '_> {
         };
         let subface = self.face(face).subface;
         match opposite {
-            [] => {
-                self.leave_out(&kernel);
-                Ok(())
-            }
+            [] => Ok(()),
             [one] => self.opposite(kernel, subface, corner as i32, *one),
             many => {
-                let (copy, weight) = symmetric(kernel, corner as i32);
-                self.weight += weight * many.len() as f32 - kernel.weight();
+                let copy = symmetric(kernel, corner as i32);
                 for one in many {
                     self.opposite(copy, subface, 2, *one)?;
                 }
@@ -86,7 +82,6 @@ impl Spread<'_, '_> {
         if self.step() {
             self.lay(kernel, face.face)
         } else {
-            self.leave_out(&kernel);
             Ok(())
         }
     }
@@ -110,9 +105,9 @@ impl Spread<'_, '_> {
     }
 }
 
-/// A piece past corner 2, made from one past any corner, that is the same in u and v; and its weight. It weighs what
-/// the piece does, unless it would have to be enlarged for that.
-fn symmetric(mut kernel: Kernel, corner: i32) -> (Kernel, f32) {
+/// A piece past corner 2, made from one past any corner, that is the same in u and v. It weighs what the piece does,
+/// unless it would have to be enlarged for that.
+fn symmetric(mut kernel: Kernel, corner: i32) -> Kernel {
     let before = kernel.weight();
     kernel.turn(corner + 2);
     let log2 = kernel.u.log2.min(kernel.v.log2);
@@ -120,17 +115,12 @@ fn symmetric(mut kernel: Kernel, corner: i32) -> (Kernel, f32) {
     kernel.v.reduce_to(log2);
     kernel.u = kernel.u.merged(&kernel.v);
     kernel.v = kernel.u;
-    let sum = kernel.u.sum();
-    let after = sum * sum;
     // Kernels that sharpen have pieces of negative weight, and of nearly none.
-    let scale = if after == 0.0 { 1.0 } else { before / after };
+    let scale = before / kernel.weight();
     if (-1.0..1.0).contains(&scale) {
         kernel.u.multiply(scale);
-        (kernel, before)
     } else if scale < -1.0 {
         kernel.u.multiply(-1.0);
-        (kernel, -after)
-    } else {
-        (kernel, after)
     }
+    kernel
 }

@@ -18,7 +18,7 @@
 //! ```
 //!
 //! Files lie: adjacency may lead in circles. What cannot be placed, or takes more than [`MAX_STEPS`] steps, is left
-//! out, weight and all.
+//! out, and its weight is missing in the sum that the result is divided by. So it goes with corners of three faces.
 
 use super::Target;
 use super::kernel::Taps;
@@ -83,19 +83,18 @@ impl Kernel {
         piece
     }
 
-    /// Treats what is past an edge as the border mode says.
-    fn fold(&mut self, edge: usize, modes: [BorderMode; 2]) {
+    /// Treats what is past an edge as the border mode says. Returns the weight that falls into the dark.
+    fn fold(&mut self, edge: usize, modes: [BorderMode; 2]) -> f32 {
+        let piece = self.cut(edge);
         let taps = self.across_mut(edge);
-        let cut = if far(edge) {
-            taps.cut_above()
-        } else {
-            taps.cut_below()
-        };
         match modes[1 - (edge & 1)] {
-            BorderMode::Black => {}
-            BorderMode::Clamp | BorderMode::Periodic if far(edge) => taps.fold_above(&cut),
-            BorderMode::Clamp | BorderMode::Periodic => taps.fold_below(&cut),
+            BorderMode::Black => return piece.weight(),
+            BorderMode::Clamp | BorderMode::Periodic if far(edge) => {
+                taps.fold_above(piece.across(edge));
+            }
+            BorderMode::Clamp | BorderMode::Periodic => taps.fold_below(piece.across(edge)),
         }
+        0.0
     }
 
     /// Turns it counter-clockwise by quarters.
@@ -177,18 +176,18 @@ fn far(edge: usize) -> bool {
 
 /// A lookup under way: where texels go, and the sum of the weights that they go with.
 pub(super) struct Spread<'a, 't> {
-    pub(super) target: &'a mut Target<'t>,
-    pub(super) weight: f32,
+    target: &'a mut Target<'t>,
+    weight: f32,
     steps: u32,
     modes: [BorderMode; 2],
 }
 
 impl<'a, 't> Spread<'a, 't> {
-    pub(super) fn new(target: &'a mut Target<'t>, weight: f32) -> Self {
+    pub(super) fn new(target: &'a mut Target<'t>) -> Self {
         let modes = target.reader.border_modes();
         Self {
             target,
-            weight,
+            weight: 0.0,
             steps: 0,
             modes: [modes.0, modes.1],
         }
@@ -201,7 +200,7 @@ impl<'a, 't> Spread<'a, 't> {
         } else {
             for edge in 0..4 {
                 if kernel.passes(edge) {
-                    kernel.fold(edge, self.modes);
+                    self.weight += kernel.fold(edge, self.modes);
                 }
             }
             self.add(kernel, face)?;
@@ -234,12 +233,12 @@ impl<'a, 't> Spread<'a, 't> {
     }
 
     /// What has to go on beyond an edge.
-    fn cut(&self, kernel: &mut Kernel, info: &FaceInfo, edge: usize) -> Option<Kernel> {
+    fn cut(&mut self, kernel: &mut Kernel, info: &FaceInfo, edge: usize) -> Option<Kernel> {
         if !kernel.passes(edge) {
             return None;
         }
         if info.neighbours[edge].is_none() {
-            kernel.fold(edge, self.modes);
+            self.weight += kernel.fold(edge, self.modes);
             return None;
         }
         Some(kernel.cut(edge))
@@ -257,7 +256,6 @@ impl<'a, 't> Spread<'a, 't> {
             if !kernel.enter_subface(edge as i32) {
                 let beside = usize::from(next.edge + 3) & 3;
                 let Some(second) = self.face(to).neighbours[beside] else {
-                    self.leave_out(&kernel);
                     return Ok(());
                 };
                 to = second.face;
@@ -275,7 +273,6 @@ impl<'a, 't> Spread<'a, 't> {
     /// Puts a piece on the face that it was moved to: on a sub-face it may reach further.
     pub(super) fn place(&mut self, kernel: Kernel, face: u32) -> Result<()> {
         if !self.step() {
-            self.leave_out(&kernel);
             Ok(())
         } else if self.face(face).subface {
             self.lay(kernel, face)
@@ -284,15 +281,10 @@ impl<'a, 't> Spread<'a, 't> {
         }
     }
 
-    /// Whether there is a step left.
+    /// Takes a step, if there is one left.
     pub(super) fn step(&mut self) -> bool {
         self.steps += 1;
         self.steps <= MAX_STEPS
-    }
-
-    /// Goes without a piece.
-    pub(super) fn leave_out(&mut self, kernel: &Kernel) {
-        self.weight -= kernel.weight();
     }
 
     #[inline]
@@ -311,6 +303,7 @@ impl<'a, 't> Spread<'a, 't> {
         if kernel.u.is_empty() || kernel.v.is_empty() {
             return Ok(());
         }
+        self.weight += kernel.weight();
         let reader = self.target.reader;
         let full = reader.face(face).res;
         kernel.u.reduce_to(full.ulog2);
