@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 mod cache;
+mod editor;
 mod error;
 mod layout;
 mod meta;
@@ -23,6 +24,7 @@ mod writer;
 mod zip;
 
 pub use cache::Cache;
+pub use editor::Editor;
 pub use error::{Error, ErrorKind, Result};
 pub use layout::{ExtHeader, Header, LevelInfo, StoredFace};
 pub use meta::{Meta, MetaValue};

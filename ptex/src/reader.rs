@@ -64,6 +64,9 @@ pub(crate) struct Sections {
     pub(crate) level_info: u64,
     pub(crate) levels: u64,
     pub(crate) meta: u64,
+    /// Where the zero bytes are, or should be, and how many of them there are.
+    pub(crate) after_meta: u64,
+    barrier: u64,
     pub(crate) large_meta: u64,
     pub(crate) large_meta_data: u64,
     /// Of edits, to where they end.
@@ -231,6 +234,11 @@ impl Reader {
 
     pub(crate) fn sections(&self) -> &Sections {
         &self.0.sections
+    }
+
+    /// Where the last edit ends.
+    pub(crate) fn edits_end(&self) -> u64 {
+        self.0.edits.end
     }
 
     pub(crate) fn source(&self) -> &Source {
@@ -469,6 +477,11 @@ impl Shared {
 }
 
 impl Sections {
+    /// How many of the zero bytes behind the meta data are not there.
+    pub(crate) fn missing_barrier(&self) -> u64 {
+        BARRIER - self.barrier
+    }
+
     fn new(header: &Header, ext: &ExtHeader, source: &Source) -> Result<Self> {
         let mut at = HEADER as u64;
         let mut next = |size: u64, what: &str| {
@@ -494,7 +507,8 @@ impl Sections {
             .read(after_meta, barrier)?
             .iter()
             .all(|byte| *byte == 0);
-        next(if has_barrier { barrier } else { 0 }, "barrier")?;
+        let barrier = if has_barrier { barrier } else { 0 };
+        next(barrier, "barrier")?;
         let large_meta = next(
             u64::from(ext.large_meta_zip_size),
             "list of large meta data",
@@ -517,12 +531,23 @@ impl Sections {
                 (start, end)
             }
         };
+        let edits = match edits {
+            (start, edits_end) if start >= end => (start, edits_end),
+            (start, edits_end) if start == edits_end => (end, end),
+            (start, _) => {
+                return Err(Error::malformed(format!(
+                    "has edits at {start}, and before them data up to {end}"
+                )));
+            }
+        };
         Ok(Self {
             face_info,
             constants,
             level_info,
             levels,
             meta,
+            after_meta,
+            barrier,
             large_meta,
             large_meta_data,
             edits,

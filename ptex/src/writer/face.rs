@@ -11,17 +11,17 @@ use crate::zip::{deflate, deflate_fast};
 /// A face ready to be stored. Made by [`Format::encode`], which many threads may do at once.
 #[derive(Clone, Debug)]
 pub struct EncodedFace {
-    pub(super) res: Res,
+    pub(crate) res: Res,
     /// The constant texel, or the average.
-    pub(super) texel: Vec<u8>,
+    pub(crate) texel: Vec<u8>,
     /// The full size and the stored reductions; none of a constant face.
-    pub(super) levels: Vec<EncodedBlock>,
+    pub(crate) levels: Vec<EncodedBlock>,
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct EncodedBlock {
-    pub(super) word: u32,
-    pub(super) bytes: Vec<u8>,
+pub(crate) struct EncodedBlock {
+    pub(crate) word: u32,
+    pub(crate) bytes: Vec<u8>,
 }
 
 /// How much work goes into making data small.

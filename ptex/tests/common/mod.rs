@@ -3,6 +3,8 @@
 // Each test uses some of it.
 #![allow(dead_code, clippy::unwrap_used)]
 
+pub(crate) mod made;
+
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
