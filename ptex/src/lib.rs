@@ -10,6 +10,7 @@
 #![forbid(unsafe_code)]
 
 mod cache;
+mod check;
 mod editor;
 mod error;
 mod layout;
@@ -24,6 +25,7 @@ mod writer;
 mod zip;
 
 pub use cache::Cache;
+pub use check::{Finding, Severity, check};
 pub use editor::Editor;
 pub use error::{Error, ErrorKind, Result};
 pub use layout::{ExtHeader, Header, LevelInfo, StoredFace};

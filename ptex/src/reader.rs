@@ -69,6 +69,8 @@ pub(crate) struct Sections {
     barrier: u64,
     pub(crate) large_meta: u64,
     pub(crate) large_meta_data: u64,
+    /// Where all this ends.
+    pub(crate) end: u64,
     /// Of edits, to where they end.
     pub(crate) edits: (u64, u64),
 }
@@ -239,6 +241,31 @@ impl Reader {
     /// Where the last edit ends.
     pub(crate) fn edits_end(&self) -> u64 {
         self.0.edits.end
+    }
+
+    /// Whether an edit replaced the face.
+    pub(crate) fn is_edited(&self, face: u32) -> bool {
+        self.0.edits.faces.contains_key(&face)
+    }
+
+    /// Whether the file has the face in that size.
+    pub(crate) fn is_stored(&self, face: u32, res: Res) -> Result<bool> {
+        Ok(self.0.block(face, res)?.is_some())
+    }
+
+    /// Bytes that the file has of a face's full size.
+    pub(crate) fn block_bytes(&self, face: u32) -> Result<Option<u32>> {
+        let block = self.0.block(face, self.face(face).res)?;
+        Ok(block.map(|block| block.size))
+    }
+
+    /// Where the blocks of a level end, and where the level does.
+    pub(crate) fn level_end(&self, index: usize) -> Result<(u64, u64)> {
+        let level = &self.0.levels[index];
+        let start = level.at + u64::from(level.info.header_size);
+        let blocks = self.0.blocks(level, index)?;
+        let end = blocks.last().map_or(start, |b| b.at + u64::from(b.size));
+        Ok((end, level.at + level.info.size))
     }
 
     pub(crate) fn source(&self) -> &Source {
@@ -550,6 +577,7 @@ impl Sections {
             barrier,
             large_meta,
             large_meta_data,
+            end,
             edits,
         })
     }
