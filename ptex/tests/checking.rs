@@ -149,7 +149,7 @@ fn data_that_do_not_agree_are_found() {
     let mut alpha = bytes.clone();
     alpha[16..20].copy_from_slice(&0_i32.to_le_bytes());
     finds(&of(alpha), 0, "stored reduction to 2^4 x 2^3");
-    let mut trailing = bytes.clone();
+    let mut trailing = bytes;
     trailing.extend([0; 12]);
     finds(&of(trailing), None, "12 bytes behind its end");
     let mut made = made();

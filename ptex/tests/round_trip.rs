@@ -344,28 +344,14 @@ fn what_cannot_be_written_is_refused() {
         assert_eq!(e.kind(), ErrorKind::Request);
         assert!(e.to_string().contains(word), "{e}");
     };
-    refused(
-        Writer::new(
-            Format {
-                channels: 0,
-                ..format.clone()
-            },
-            1,
-        )
-        .map(|_| ()),
-        "0 channels",
-    );
-    refused(
-        Writer::new(
-            Format {
-                alpha_channel: Some(3),
-                ..format.clone()
-            },
-            1,
-        )
-        .map(|_| ()),
-        "channel 3",
-    );
+    let with = |channels, alpha_channel| Format {
+        channels,
+        alpha_channel,
+        ..Format::new(MeshType::Quad, DataType::U8, 3)
+    };
+    let new = |format| Writer::new(format, 1).map(|_| ());
+    refused(new(with(0, None)), "0 channels");
+    refused(new(with(3, Some(3))), "channel 3");
     let mut made = Made::new(format, 2, 2, &mut Numbers(5));
     let mut writer = made.writer();
     let face = &mut made.faces[0];
