@@ -10,6 +10,8 @@
 #![forbid(unsafe_code)]
 
 mod cache;
+mod check;
+mod editor;
 mod error;
 pub mod filter;
 mod layout;
@@ -24,6 +26,8 @@ mod writer;
 mod zip;
 
 pub use cache::Cache;
+pub use check::{Finding, Severity, check};
+pub use editor::Editor;
 pub use error::{Error, ErrorKind, Result};
 pub use filter::{Consistent, FaceBounds, Filter, FilterKind};
 pub use layout::{ExtHeader, Header, LevelInfo, StoredFace};

@@ -64,8 +64,13 @@ pub(crate) struct Sections {
     pub(crate) level_info: u64,
     pub(crate) levels: u64,
     pub(crate) meta: u64,
+    /// Where the zero bytes are, or should be, and how many of them there are.
+    pub(crate) after_meta: u64,
+    barrier: u64,
     pub(crate) large_meta: u64,
     pub(crate) large_meta_data: u64,
+    /// Where all this ends.
+    pub(crate) end: u64,
     /// Of edits, to where they end.
     pub(crate) edits: (u64, u64),
 }
@@ -231,6 +236,36 @@ impl Reader {
 
     pub(crate) fn sections(&self) -> &Sections {
         &self.0.sections
+    }
+
+    /// Where the last edit ends.
+    pub(crate) fn edits_end(&self) -> u64 {
+        self.0.edits.end
+    }
+
+    /// Whether an edit replaced the face.
+    pub(crate) fn is_edited(&self, face: u32) -> bool {
+        self.0.edits.faces.contains_key(&face)
+    }
+
+    /// Whether the file has the face in that size.
+    pub(crate) fn is_stored(&self, face: u32, res: Res) -> Result<bool> {
+        Ok(self.0.block(face, res)?.is_some())
+    }
+
+    /// Bytes that the file has of a face's full size.
+    pub(crate) fn block_bytes(&self, face: u32) -> Result<Option<u32>> {
+        let block = self.0.block(face, self.face(face).res)?;
+        Ok(block.map(|block| block.size))
+    }
+
+    /// Where the blocks of a level end, and where the level does.
+    pub(crate) fn level_end(&self, index: usize) -> Result<(u64, u64)> {
+        let level = &self.0.levels[index];
+        let start = level.at + u64::from(level.info.header_size);
+        let blocks = self.0.blocks(level, index)?;
+        let end = blocks.last().map_or(start, |b| b.at + u64::from(b.size));
+        Ok((end, level.at + level.info.size))
     }
 
     pub(crate) fn source(&self) -> &Source {
@@ -469,6 +504,11 @@ impl Shared {
 }
 
 impl Sections {
+    /// How many of the zero bytes behind the meta data are not there.
+    pub(crate) fn missing_barrier(&self) -> u64 {
+        BARRIER - self.barrier
+    }
+
     fn new(header: &Header, ext: &ExtHeader, source: &Source) -> Result<Self> {
         let mut at = HEADER as u64;
         let mut next = |size: u64, what: &str| {
@@ -494,7 +534,8 @@ impl Sections {
             .read(after_meta, barrier)?
             .iter()
             .all(|byte| *byte == 0);
-        next(if has_barrier { barrier } else { 0 }, "barrier")?;
+        let barrier = if has_barrier { barrier } else { 0 };
+        next(barrier, "barrier")?;
         let large_meta = next(
             u64::from(ext.large_meta_zip_size),
             "list of large meta data",
@@ -517,14 +558,26 @@ impl Sections {
                 (start, end)
             }
         };
+        let edits = match edits {
+            (start, edits_end) if start >= end => (start, edits_end),
+            (start, edits_end) if start == edits_end => (end, end),
+            (start, _) => {
+                return Err(Error::malformed(format!(
+                    "has edits at {start}, and before them data up to {end}"
+                )));
+            }
+        };
         Ok(Self {
             face_info,
             constants,
             level_info,
             levels,
             meta,
+            after_meta,
+            barrier,
             large_meta,
             large_meta_data,
+            end,
             edits,
         })
     }

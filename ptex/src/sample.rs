@@ -101,11 +101,6 @@ impl Pixels {
         with_samples!(self, s => size_of_val(s.as_slice()))
     }
 
-    /// Samples.
-    pub(crate) fn len(&self) -> usize {
-        with_samples!(self, s => s.len())
-    }
-
     /// Appends samples `from` to `to` as bytes of the file's type, little endian.
     pub(crate) fn write(&self, from: usize, to: usize, out: &mut Vec<u8>) {
         with_samples!(self, s => for sample in &s[from..to] {

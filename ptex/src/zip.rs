@@ -90,7 +90,7 @@ mod tests {
         assert!(inflate(&stream, 999).is_err());
         assert!(inflate(&stream, 1001).is_err());
         assert!(inflate(&stream[..stream.len() - 1], 1000).is_err());
-        let mut wrong = stream.clone();
+        let mut wrong = stream;
         *wrong.last_mut().unwrap() ^= 1;
         assert!(inflate(&wrong, 1000).is_err());
         let zeros = deflate(&vec![0; 1 << 22]);

@@ -1,5 +1,7 @@
 //! Damaged files: each does what the shared list asks of a reader. Needs `RELIEVO_SHARED`.
 
+#![allow(clippy::unwrap_used)]
+
 mod common;
 
 use relievo_ptex::{Cache, Error, ErrorKind, Reader};

@@ -1,6 +1,8 @@
 //! Files of our own: what the shared oracles tell of a file is also what our writer makes of its texels. The first
 //! test needs `RELIEVO_SHARED`.
 
+#![allow(clippy::unwrap_used)]
+
 mod common;
 
 use common::{Oracle, hash, oracles};

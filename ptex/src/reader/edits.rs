@@ -11,6 +11,8 @@ use crate::source::Source;
 pub(crate) struct Edits {
     /// All that there are.
     pub(crate) count: usize,
+    /// Where the last one ends.
+    pub(crate) end: u64,
     pub(crate) faces: HashMap<u32, FaceEdit>,
     pub(crate) meta: Vec<MetaEdit>,
 }
@@ -121,6 +123,7 @@ impl Edits {
             edits.count += 1;
             at = start + size;
         }
+        edits.end = at;
         Ok(edits)
     }
 }

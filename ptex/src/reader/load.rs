@@ -216,7 +216,7 @@ impl Shared {
     }
 
     /// Where the file has the texels of a face in that size.
-    fn block(&self, face: u32, res: Res) -> Result<Option<Block>> {
+    pub(super) fn block(&self, face: u32, res: Res) -> Result<Option<Block>> {
         let info = &self.faces[face as usize];
         let level = (info.res.ulog2 - res.ulog2) as usize;
         if level != (info.res.vlog2 - res.vlog2) as usize {
@@ -244,7 +244,7 @@ impl Shared {
         }
     }
 
-    fn blocks<'a>(&self, level: &'a Level, index: usize) -> Result<&'a [Block]> {
+    pub(super) fn blocks<'a>(&self, level: &'a Level, index: usize) -> Result<&'a [Block]> {
         if let Some(blocks) = level.blocks.get() {
             return Ok(blocks);
         }

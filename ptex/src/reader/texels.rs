@@ -169,7 +169,7 @@ impl<'r> Texels<'r> {
         })
     }
 
-    pub(super) fn whole(&self) -> Result<Pixels> {
+    pub(crate) fn whole(&self) -> Result<Pixels> {
         self.rect(0, 0, 1 << self.res.ulog2, 1 << self.res.vlog2)
     }
 

@@ -5,23 +5,23 @@ use crate::error::{Error, Result};
 use crate::layout::{Encoding, MAX_BLOCK, block_word};
 use crate::reduce::{multiplied, premultiply_of, quartered, triangle_of};
 use crate::sample::{Sample, to_planes, with_type};
-use crate::types::{MeshType, Res};
+use crate::types::{FaceInfo, MeshType, Res};
 use crate::zip::{deflate, deflate_fast};
 
 /// A face ready to be stored. Made by [`Format::encode`], which many threads may do at once.
 #[derive(Clone, Debug)]
 pub struct EncodedFace {
-    pub(super) res: Res,
+    pub(crate) res: Res,
     /// The constant texel, or the average.
-    pub(super) texel: Vec<u8>,
+    pub(crate) texel: Vec<u8>,
     /// The full size and the stored reductions; none of a constant face.
-    pub(super) levels: Vec<EncodedBlock>,
+    pub(crate) levels: Vec<EncodedBlock>,
 }
 
 #[derive(Clone, Debug)]
-pub(super) struct EncodedBlock {
-    pub(super) word: u32,
-    pub(super) bytes: Vec<u8>,
+pub(crate) struct EncodedBlock {
+    pub(crate) word: u32,
+    pub(crate) bytes: Vec<u8>,
 }
 
 /// How much work goes into making data small.
@@ -60,6 +60,15 @@ impl EncodedFace {
     }
 }
 
+/// How many levels hold a face, in a file with reductions.
+pub(crate) fn stored_levels(info: &FaceInfo) -> usize {
+    let smaller = info.res.ulog2.min(info.res.vlog2);
+    match info.constant {
+        true => 1,
+        false => 1 + (smaller - SMALLEST).max(0) as usize,
+    }
+}
+
 /// The texel that all of them are equal to, bit for bit.
 fn one_for_all(texels: &[u8], pixel: usize) -> Option<&[u8]> {
     let (first, rest) = texels.split_at(pixel);
@@ -91,13 +100,25 @@ fn encode<S: Sample>(
         reduced.vlog2 -= 1;
         levels.push(block(&samples, reduced, channels, effort)?);
     }
-    let mut average = average(&samples, channels);
-    if let Some(alpha) = format.alpha_channel {
-        unmultiply(&mut average, alpha, format.data_type.one());
-    }
+    let one = format.data_type.one();
+    let average = average_texel(&samples, channels, format.alpha_channel, one);
     let mut texel = Vec::with_capacity(format.pixel_bytes());
     average.iter().for_each(|sample| sample.write(&mut texel));
     Ok(EncodedFace { res, texel, levels })
+}
+
+/// The average of premultiplied texels, not premultiplied.
+pub(crate) fn average_texel<S: Sample>(
+    samples: &[S],
+    channels: usize,
+    alpha: Option<usize>,
+    one: f32,
+) -> Vec<S> {
+    let mut average = average(samples, channels);
+    if let Some(alpha) = alpha {
+        unmultiply(&mut average, alpha, one);
+    }
+    average
 }
 
 /// In single precision and in this order, so that it is the same for everyone.

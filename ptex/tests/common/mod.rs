@@ -3,6 +3,7 @@
 // Each test uses some of it.
 #![allow(dead_code, clippy::unwrap_used)]
 
+pub(crate) mod made;
 pub(crate) mod mesh;
 
 use std::io::Write;
