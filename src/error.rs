@@ -140,6 +140,24 @@ impl Fault {
     }
 }
 
+impl From<relievo_ptex::Error> for Fault {
+    fn from(e: relievo_ptex::Error) -> Self {
+        Self {
+            message: e.message().to_owned(),
+            file: e.path().map(Into::into),
+            prim: None,
+            face: e.face().map(|face| face as usize),
+            help: Some(e.help().to_owned()),
+        }
+    }
+}
+
+impl From<relievo_ptex::Error> for Error {
+    fn from(e: relievo_ptex::Error) -> Self {
+        Fault::from(e).into()
+    }
+}
+
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(file) = &self.file {

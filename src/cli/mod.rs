@@ -7,6 +7,7 @@ mod eval;
 mod info;
 mod machine;
 mod method;
+mod ptex;
 mod render;
 mod scheme;
 mod staging;
@@ -61,6 +62,9 @@ enum Command {
     Verify(verify::Verify),
     /// Measure all ways of tracing a scene.
     Bench(bench::Bench),
+    /// Look into Ptex files, and check them.
+    #[command(subcommand)]
+    Ptex(ptex::Ptex),
     /// Print a completion script for a shell.
     Completions {
         /// The shell.
@@ -97,6 +101,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Eval(eval) => eval.run(),
         Command::Verify(verify) => verify.run(),
         Command::Bench(bench) => bench.run(),
+        Command::Ptex(ptex) => ptex.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(shell, &mut Arguments::command(), "relievo", &mut script);

@@ -1,0 +1,25 @@
+//! `relievo ptex`, one file a command.
+
+mod check;
+mod info;
+
+use clap::Subcommand;
+use relievo::Result;
+
+/// What there is to do with Ptex files.
+#[derive(Debug, Subcommand)]
+pub(crate) enum Ptex {
+    /// Tell what is in a Ptex file: faces, sizes, meta data.
+    Info(info::Info),
+    /// Find what is wrong with a Ptex file.
+    Check(check::Check),
+}
+
+impl Ptex {
+    pub(crate) fn run(self) -> Result<()> {
+        match self {
+            Self::Info(info) => info.run(),
+            Self::Check(check) => check.run(),
+        }
+    }
+}
