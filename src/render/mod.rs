@@ -161,6 +161,8 @@ pub fn render(
         )));
     }
 
+    world.check_textures()?;
+
     // Write.
     stats.resolution = size;
     stats.samples_per_pixel = film.samples();
