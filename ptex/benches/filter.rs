@@ -21,7 +21,12 @@ fn torus() -> Reader {
     let mut writer = Writer::new(format, ACROSS * ACROSS).expect("a torus is a mesh");
     for face in 0..ACROSS * ACROSS {
         let (x, y) = (face % ACROSS, face / ACROSS);
-        let beyond = [(x, y + ACROSS - 1), (x + 1, y), (x, y + 1), (x + ACROSS - 1, y)];
+        let beyond = [
+            (x, y + ACROSS - 1),
+            (x + 1, y),
+            (x, y + 1),
+            (x + ACROSS - 1, y),
+        ];
         let mut size = || 4 + (random() * 6.0) as i8;
         let res = Res {
             ulog2: size(),
@@ -54,7 +59,9 @@ fn torus() -> Reader {
 fn random() -> impl FnMut() -> f32 {
     let mut state = 1_u64;
     move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        state = state
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
         (state >> 40) as f32 / (1 << 24) as f32
     }
 }
