@@ -62,7 +62,7 @@ bench: build scenes
 SECONDS_EACH ?= 300
 fuzz: deps
 	cargo fuzz --version >/dev/null 2>&1 || cargo install cargo-fuzz --locked
-	cd fuzz && for target in obj scene; do mkdir -p corpus/$$target seeds/$$target && \
+	cd fuzz && for target in obj ptex ptex_filter scene; do mkdir -p corpus/$$target seeds/$$target && \
 	  cargo +nightly fuzz run $$target corpus/$$target seeds/$$target -- -max_total_time=$(SECONDS_EACH) \
 	  -rss_limit_mb=4096 -timeout=20 -detect_leaks=0 || exit 1; done
 

@@ -2,6 +2,7 @@
 //!
 //! The file is a torus of faces of 16 to 512 texels a side, three channels of bytes. Lookups are everywhere, from a
 //! 256th to a 16th of a face wide.
+#![allow(missing_docs, reason = "criterion's macros make items without docs")]
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use relievo_ptex::{

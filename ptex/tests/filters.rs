@@ -306,7 +306,7 @@ fn slopes_go_on_in_turned_neighbours() {
                 for at in [[0.0, 0.5], [1.0, 0.5], [0.5, 0.0], [0.5, 1.0], [0.5, 0.5]] {
                     let [x, _] = position(face, at);
                     // Borders flatten what is close to them.
-                    if x < 0.4 || x > 1.6 {
+                    if !(0.4..=1.6).contains(&x) {
                         continue;
                     }
                     let value = one(&reader, &filter, face, at, [0.125, 0.0, 0.0, 0.125]);

@@ -80,7 +80,7 @@ impl Spread<'_, '_> {
         kernel.leave_subface(corner + 2 * second);
         kernel.turn(corner - face.leaves_by as i32 + 3 - second);
         if self.step() {
-            self.lay(kernel, face.face)
+            self.lay(&mut kernel, face.face)
         } else {
             Ok(())
         }

@@ -196,24 +196,24 @@ impl<'a, 't> Spread<'a, 't> {
     /// Lays a kernel over a face, and with `edge_blend` over all that it reaches. Returns the weight of what was added.
     pub(super) fn start(mut self, mut kernel: Kernel, face: u32, edge_blend: bool) -> Result<f32> {
         if edge_blend {
-            self.lay(kernel, face)?;
+            self.lay(&mut kernel, face)?;
         } else {
             for edge in 0..4 {
                 if kernel.passes(edge) {
                     self.weight += kernel.fold(edge, self.modes);
                 }
             }
-            self.add(kernel, face)?;
+            self.add(&mut kernel, face)?;
         }
         Ok(self.weight)
     }
 
     /// Lays a kernel over a face and, where it passes the face's edges, on over others.
-    pub(super) fn lay(&mut self, mut kernel: Kernel, face: u32) -> Result<()> {
+    pub(super) fn lay(&mut self, kernel: &mut Kernel, face: u32) -> Result<()> {
         if (0..4).any(|edge| kernel.passes(edge)) {
             let info = *self.face(face);
             for (edge, corners) in [(1, [(2, 2), (0, 1)]), (3, [(2, 3), (0, 0)])] {
-                let Some(mut piece) = self.cut(&mut kernel, &info, edge) else {
+                let Some(mut piece) = self.cut(kernel, &info, edge) else {
                     continue;
                 };
                 for (side, corner) in corners {
@@ -224,7 +224,7 @@ impl<'a, 't> Spread<'a, 't> {
                 self.across_edge(piece, face, edge)?;
             }
             for edge in [2, 0] {
-                if let Some(piece) = self.cut(&mut kernel, &info, edge) {
+                if let Some(piece) = self.cut(kernel, &info, edge) {
                     self.across_edge(piece, face, edge)?;
                 }
             }
@@ -271,13 +271,13 @@ impl<'a, 't> Spread<'a, 't> {
     }
 
     /// Puts a piece on the face that it was moved to: on a sub-face it may reach further.
-    pub(super) fn place(&mut self, kernel: Kernel, face: u32) -> Result<()> {
+    pub(super) fn place(&mut self, mut kernel: Kernel, face: u32) -> Result<()> {
         if !self.step() {
             Ok(())
         } else if self.face(face).subface {
-            self.lay(kernel, face)
+            self.lay(&mut kernel, face)
         } else {
-            self.add(kernel, face)
+            self.add(&mut kernel, face)
         }
     }
 
@@ -293,7 +293,7 @@ impl<'a, 't> Spread<'a, 't> {
     }
 
     /// Adds the texels of one face.
-    fn add(&mut self, mut kernel: Kernel, face: u32) -> Result<()> {
+    fn add(&mut self, kernel: &mut Kernel, face: u32) -> Result<()> {
         // Only where adjacency contradicts itself does anything reach out of the face now.
         for edge in 0..4 {
             if kernel.passes(edge) {
