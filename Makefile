@@ -9,6 +9,7 @@ OUT         := out
 # What `make scenes` writes: large maps from a seed, one cage by five schemes.
 SCHEMES     := catmark loop doo-sabin butterfly sqrt3
 MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
+               scenes/ptex/made/colours.ptx scenes/ptex/made/heights.ptx \
                $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
 .PHONY: demo test bench scenes fuzz leaks long-bounds deps build lint clean
@@ -35,6 +36,9 @@ scenes/relief/made/relief.exr: $(wildcard examples/make_scenes/*.rs)
 
 scenes/creature/made/scales.exr: $(wildcard examples/make_scenes/*.rs)
 	$(MAKE_SCENES) scales $@
+
+scenes/ptex/made/%.ptx: scenes/ptex/ptex.usda $(wildcard examples/make_scenes/*.rs)
+	$(MAKE_SCENES) gourd $< $* $@
 
 # √3 makes three faces of one and not four: it takes two levels more.
 scenes/schemes/made/%.usda: scenes/schemes/cage.obj src/cli/subdivide.rs $(wildcard src/subdiv/schemes/*.rs)

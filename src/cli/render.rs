@@ -266,5 +266,8 @@ fn unusable(store: &Store, message: &str) -> Error {
 }
 
 fn ptex_filter(name: &str) -> std::result::Result<PtexFilter, String> {
-    PtexFilter::named(name).map_err(|fault| format!("{fault}: {}", fault.help.unwrap_or_default()))
+    PtexFilter::named(name).map_err(|fault| {
+        let advice = fault.help.clone().unwrap_or_default();
+        format!("{fault}: {advice}")
+    })
 }

@@ -10,7 +10,7 @@ use super::build::BuildOptions;
 use crate::error::{Fault, Result, Warnings};
 use crate::image::{PtexTexture, Texture};
 use crate::math::{Vec2, Vec3};
-use crate::mesh::{ControlMesh, Scheme};
+use crate::mesh::{Scheme, ptex_face_count, ptex_kind};
 use crate::scene::{
     self, ColorSpace, Description, Input, PreviewSurface, PtexFilter, PtexMap, PtexOptions,
 };
@@ -162,7 +162,7 @@ impl Textures {
                     ));
                 }
             };
-            let (faces, kind) = ptex_faces(mesh);
+            let (faces, kind) = (ptex_face_count(mesh), ptex_kind(mesh));
             if (faces, kind) != (reader.face_count(), reader.mesh_type()) {
                 let name = |kind| match kind {
                     MeshType::Triangle => "triangles",
@@ -178,15 +178,6 @@ impl Textures {
         }
         Ok(())
     }
-}
-
-/// How many faces a Ptex file for a mesh has, and of which kind.
-fn ptex_faces(mesh: &ControlMesh) -> (u32, MeshType) {
-    if mesh.scheme == Scheme::Loop {
-        return (mesh.face_count() as u32, MeshType::Triangle);
-    }
-    let of = |&sides: &u32| if sides == 4 { 1 } else { sides };
-    (mesh.face_vertex_counts.iter().map(of).sum(), MeshType::Quad)
 }
 
 fn displacement_map(surface: &PreviewSurface) -> Option<&PtexMap> {
