@@ -202,6 +202,9 @@ fn header(reader: &Reader) -> Value {
 
 fn ext_header(reader: &Reader) -> Value {
     let ext = reader.ext_header();
+    if reader.header().ext_header_size == 0 {
+        return Value::Null;
+    }
     json!({
         "ubordermode": ext.u_border as u16,
         "vbordermode": ext.v_border as u16,
