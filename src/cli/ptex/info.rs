@@ -200,11 +200,9 @@ fn header(reader: &Reader) -> Value {
     })
 }
 
+/// Likewise; zeros of files that have none.
 fn ext_header(reader: &Reader) -> Value {
     let ext = reader.ext_header();
-    if reader.header().ext_header_size == 0 {
-        return Value::Null;
-    }
     json!({
         "ubordermode": ext.u_border as u16,
         "vbordermode": ext.v_border as u16,
