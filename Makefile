@@ -59,7 +59,7 @@ lint: deps
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items $(CARGO_FLAGS)
 
 bench: build scenes
-	cargo bench $(CARGO_FLAGS)
+	cargo bench -p relievo -p relievo-ptex $(CARGO_FLAGS)
 
 # Needs a nightly compiler; installs cargo-fuzz where it is missing. SECONDS_EACH=600 runs each target for ten minutes.
 # Leaks are valgrind's business: Embree and its threads keep what they have until the process ends.

@@ -69,17 +69,17 @@ fn file(input: &mut Input) -> Option<Reader> {
     if input.bit() {
         format.edge_filter = EdgeFilter::TangentVector;
     }
-    let faces = 1 + u32::from(input.byte()) % 12;
+    let faces = 1 + u32::from(input.byte()) % 8;
     let mut writer = Writer::new(format.clone(), faces).ok()?;
     for face in 0..faces {
         let (size, flags) = (input.byte(), input.byte());
-        let ulog2 = (size % 6) as i8;
+        let ulog2 = (size % 5) as i8;
         let res = Res {
             ulog2,
             vlog2: if triangles {
                 ulog2
             } else {
-                (size / 6 % 6) as i8
+                (size / 5 % 5) as i8
             },
         };
         let edges = if triangles { 3 } else { 4 };
@@ -100,7 +100,7 @@ fn file(input: &mut Input) -> Option<Reader> {
         let samples = format.channels << (res.ulog2 + res.vlog2);
         let seed = u32::from(flags);
         let texels: Vec<u8> = (0..samples as u32)
-            .map(|i| (i + seed).wrapping_mul(0x9e37_79b9 * (seed >> 1)))
+            .map(|i| (i + seed).wrapping_mul(0x9e37_79b9_u32.wrapping_mul(seed >> 1)))
             .flat_map(|n| match data_type {
                 DataType::U8 => vec![(n >> 24) as u8],
                 DataType::U16 => ((n >> 16) as u16).to_le_bytes().to_vec(),

@@ -1,6 +1,7 @@
 //! `relievo ptex`, one file a command.
 
 mod check;
+mod eval;
 mod info;
 
 use clap::Subcommand;
@@ -13,6 +14,8 @@ pub(crate) enum Ptex {
     Info(info::Info),
     /// Find what is wrong with a Ptex file.
     Check(check::Check),
+    /// Filter a Ptex file at given places.
+    Eval(eval::Eval),
 }
 
 impl Ptex {
@@ -20,6 +23,7 @@ impl Ptex {
         match self {
             Self::Info(info) => info.run(),
             Self::Check(check) => check.run(),
+            Self::Eval(eval) => eval.run(),
         }
     }
 }

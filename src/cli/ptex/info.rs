@@ -200,6 +200,7 @@ fn header(reader: &Reader) -> Value {
     })
 }
 
+/// Likewise; zeros of files that have none.
 fn ext_header(reader: &Reader) -> Value {
     let ext = reader.ext_header();
     json!({
