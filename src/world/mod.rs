@@ -8,6 +8,8 @@ mod interaction;
 mod method;
 mod objects;
 mod patch;
+#[cfg(test)]
+mod ptex_tests;
 mod shape;
 mod stand;
 mod stored;
