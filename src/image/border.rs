@@ -2,7 +2,7 @@
 #![allow(unsafe_code)]
 
 #[cfg(test)]
-mod raw;
+pub(super) mod raw;
 
 use std::ffi::{CStr, CString, OsStr, c_char, c_void};
 use std::os::unix::ffi::OsStrExt;

@@ -6,6 +6,8 @@ mod border;
 mod exr;
 mod picture;
 mod png;
+#[cfg(test)]
+mod ptex_tests;
 mod source;
 mod temporary;
 #[cfg(test)]
