@@ -1,5 +1,6 @@
 //! Ptex files through OpenImageIO: a part for every face, a MIP level for every halving.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use relievo_ptex::{
@@ -16,7 +17,11 @@ use super::{ChannelFormat, ColorSpace, ImageSource, Texture, Wrap, write_exr};
 /// The folder of the oracles. Without it a test says so, and checks nothing.
 fn oracles() -> Option<PathBuf> {
     let Some(shared) = std::env::var_os("RELIEVO_SHARED") else {
-        println!("SKIPPED: RELIEVO_SHARED names no folder with oracles");
+        // Past the test runner, which keeps what passing tests print to itself.
+        let _ = writeln!(
+            std::io::stderr(),
+            "SKIPPED: RELIEVO_SHARED names no folder with oracles"
+        );
         return None;
     };
     Some(Path::new(&shared).join("oracles/ptex"))

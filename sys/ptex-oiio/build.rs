@@ -31,6 +31,11 @@ fn main() {
         println!("cargo:rustc-link-lib=dylib={name}");
     }
 
+    // As a plugin it is loaded into programs that may have the border's functions of their own.
+    if env::var_os("CARGO_CFG_TARGET_OS").is_some_and(|os| os == "linux") {
+        println!("cargo:rustc-cdylib-link-arg=-Wl,-Bsymbolic");
+    }
+
     let out = PathBuf::from(env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
     // Of OpenImageIO only the header that is nothing but its version, for the one number that a plugin has to export.
     bindgen::Builder::default()

@@ -337,3 +337,6 @@ const _: fn() = || {
     let _ = [sys::ptex_border_size, ptex_border_size];
     let _ = [sys::ptex_border_read, ptex_border_read];
 };
+
+#[cfg(test)]
+mod tests;
