@@ -62,14 +62,14 @@ lint: deps
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items $(CARGO_FLAGS)
 
 bench: build scenes
-	cargo bench $(CARGO_FLAGS)
+	cargo bench -p relievo -p relievo-ptex $(CARGO_FLAGS)
 
 # Needs a nightly compiler; installs cargo-fuzz where it is missing. SECONDS_EACH=600 runs each target for ten minutes.
 # Leaks are valgrind's business: Embree and its threads keep what they have until the process ends.
 SECONDS_EACH ?= 300
 fuzz: deps
 	cargo fuzz --version >/dev/null 2>&1 || cargo install cargo-fuzz --locked
-	cd fuzz && for target in obj scene; do mkdir -p corpus/$$target seeds/$$target && \
+	cd fuzz && for target in obj ptex scene; do mkdir -p corpus/$$target seeds/$$target && \
 	  cargo +nightly fuzz run $$target corpus/$$target seeds/$$target -- -max_total_time=$(SECONDS_EACH) \
 	  -rss_limit_mb=4096 -timeout=20 -detect_leaks=0 || exit 1; done
 

@@ -20,6 +20,7 @@ mod lights;
 mod manners;
 mod methods;
 mod pictures;
+mod ptex;
 mod report;
 mod scenes;
 mod smooth;

@@ -110,22 +110,19 @@ impl Pixels {
 }
 
 fn from_planes<S: Sample>(bytes: &[u8], channels: usize, differences: bool) -> Vec<S> {
+    let zero = S::read(&[0; 4]);
     let texels = bytes.len() / S::BYTES / channels;
-    let mut before = S::read(&[0; 4]);
-    let values = bytes.chunks_exact(S::BYTES).map(|bytes| {
-        let value = S::read(bytes);
-        if differences {
-            before = value.after(before);
-            return before;
+    let mut out = vec![zero; texels * channels];
+    let mut before = zero;
+    for (channel, plane) in bytes.chunks_exact((texels * S::BYTES).max(1)).enumerate() {
+        let places = out[channel..].iter_mut().step_by(channels);
+        for (place, bytes) in places.zip(plane.chunks_exact(S::BYTES)) {
+            *place = S::read(bytes);
+            if differences {
+                *place = place.after(before);
+                before = *place;
+            }
         }
-        value
-    });
-    if channels == 1 {
-        return values.collect();
-    }
-    let mut out = vec![S::read(&[0; 4]); texels * channels];
-    for (i, value) in values.enumerate() {
-        out[i % texels * channels + i / texels] = value;
     }
     out
 }

@@ -3,6 +3,7 @@
 pub(crate) mod face;
 pub(crate) mod neighbourhood;
 
+use std::borrow::Cow;
 use std::io::Write;
 use std::path::Path;
 
@@ -267,7 +268,7 @@ impl Writer {
     }
 
     /// The file in pieces, in order.
-    fn parts(&self) -> Result<Vec<Vec<u8>>> {
+    fn parts(&self) -> Result<Vec<Cow<'_, [u8]>>> {
         let format = &self.format;
         let faces = self.infos();
         let mut constants = Vec::with_capacity(faces.len() * format.pixel_bytes());
@@ -296,8 +297,8 @@ impl Writer {
                 header_size: small(words.len(), "level header")?,
                 faces: level.len() as u32,
             });
-            data.push(words);
-            data.extend(blocks.map(|b| b.bytes.clone()));
+            data.push(Cow::Owned(words));
+            data.extend(blocks.map(|b| Cow::Borrowed(b.bytes.as_slice())));
         }
 
         let meta = MetaParts::new(&self.meta)?;
@@ -338,11 +339,12 @@ impl Writer {
             + BARRIER
             + meta.large.0.len() as u64
             + large;
-        let mut parts = vec![header.bytes(), ext.bytes(), face_info, constants];
-        parts.extend(levels.iter().map(LevelInfo::bytes));
+        let head = [header.bytes(), ext.bytes(), face_info, constants];
+        let level_info = levels.iter().map(LevelInfo::bytes);
+        let tail = [meta.small.0, vec![0; BARRIER as usize], meta.large.0];
+        let mut parts: Vec<_> = head.into_iter().chain(level_info).map(Cow::Owned).collect();
         parts.extend(data);
-        parts.extend([meta.small.0, vec![0; BARRIER as usize], meta.large.0]);
-        parts.extend(meta.large_data);
+        parts.extend(tail.into_iter().chain(meta.large_data).map(Cow::Owned));
         Ok(parts)
     }
 

@@ -399,3 +399,92 @@ fn a_file_can_be_edited_in_its_place() {
     assert_eq!(read(&reader, 0, reader.face(0).res), before);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
 }
+
+/// Extended headers of other sizes than today's: fields that are not there are zero, what follows is skipped.
+#[test]
+fn extended_headers_have_any_size() {
+    let mut format = Format::new(MeshType::Quad, DataType::U8, 2);
+    format.u_border = BorderMode::Periodic;
+    let mut made = Made::new(format, 3, 4, &mut Numbers(21));
+    let bytes = made.writer().bytes().unwrap();
+    for size in [0_usize, 5, 24, 40, 64] {
+        let mut other = bytes[..64].to_vec();
+        other[28..32].copy_from_slice(&(size as u32).to_le_bytes());
+        let mut ext = bytes[64..104].to_vec();
+        let position = (bytes.len() + size - 40) as u64;
+        ext[32..].copy_from_slice(&position.to_le_bytes());
+        ext.resize(size, 0xff);
+        other.extend(ext);
+        other.extend(&bytes[104..]);
+        let open = |bytes| Reader::from_bytes(bytes, "other.ptx", &Cache::default()).unwrap();
+        let reader = open(other);
+        assert_same(&reader, &made);
+        let periodic = reader.border_modes().0 == BorderMode::Periodic;
+        assert_eq!(periodic, size > 0);
+        // Edits find their place in all of them.
+        let before = made.faces[1].clone();
+        made.faces[1].info.res = Res { ulog2: 2, vlog2: 1 };
+        made.faces[1].texels = (0..16).collect();
+        let mut editor = Editor::new(&reader);
+        editor
+            .face(1, &made.faces[1].info, &made.faces[1].texels)
+            .unwrap();
+        let edited = open(editor.bytes().unwrap());
+        assert!(edited.has_edits() && edited.face(1).has_edits);
+        assert_same(&edited, &made);
+        let again = open(Editor::new(&edited).bytes().unwrap());
+        assert_same(&again, &made);
+        made.faces[1] = before;
+    }
+}
+
+/// A face among constant ones of its texel is no longer so when one of them is edited.
+#[test]
+fn an_edit_ends_constant_neighbourhoods() {
+    let format = Format::new(MeshType::Quad, DataType::U8, 1);
+    let mut made = Made::new(format, 5, 2, &mut Numbers(4));
+    for face in &mut made.faces {
+        face.texels = vec![50];
+    }
+    let open = |bytes| Reader::from_bytes(bytes, "a.ptx", &Cache::default()).unwrap();
+    let flags = |reader: &Reader| -> Vec<bool> {
+        (0..5)
+            .map(|face| reader.face(face).constant_neighbourhood)
+            .collect()
+    };
+    let reader = open(made.writer().bytes().unwrap());
+    assert_eq!(flags(&reader), [true; 5]);
+    let mut editor = Editor::new(&reader);
+    made.faces[1].texels = vec![51];
+    editor.face(1, &made.faces[1].info, &[51]).unwrap();
+    let edited = open(editor.bytes().unwrap());
+    assert_same(&edited, &made);
+    assert_eq!(flags(&edited), [false, false, false, true, true]);
+    assert_eq!(relievo_ptex::check(&edited), []);
+}
+
+/// Threads read all faces in different orders while the cache has room for hardly any.
+#[test]
+fn threads_share_a_small_cache() {
+    let format = Format::new(MeshType::Quad, DataType::U16, 3);
+    let mut made = Made::new(format, 12, 6, &mut Numbers(8));
+    made.faces[3].info.res = Res { ulog2: 9, vlog2: 8 };
+    made.faces[3].texels = texels(&made.format, made.faces[3].info.res, &mut Numbers(11));
+    let cache = Cache::new(200_000);
+    let bytes = made.writer().bytes().unwrap();
+    let reader = Reader::from_bytes(bytes, "shared.ptx", &cache).unwrap();
+    std::thread::scope(|scope| {
+        for thread in 0..4 {
+            let (reader, made, cache) = (&reader, &made, &cache);
+            scope.spawn(move || {
+                for i in 0..120_u32 {
+                    let face = (i * (thread * 2 + 1) + thread) % 12;
+                    let given = &made.faces[face as usize];
+                    let found = read(reader, face, given.info.res);
+                    assert!(found == full(&made.format, given), "face {face}");
+                    assert!(cache.held() <= cache.budget());
+                }
+            });
+        }
+    });
+}

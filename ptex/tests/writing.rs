@@ -6,7 +6,7 @@
 mod common;
 
 use common::{Oracle, hash, oracles};
-use relievo_ptex::{Cache, Reader, Res, StoredFace, Writer};
+use relievo_ptex::{BorderMode, Cache, Format, MeshType, Reader, Res, StoredFace, Writer};
 
 #[test]
 fn rewritten_oracles_are_laid_out_like_them() {
@@ -80,6 +80,59 @@ fn rewritten_oracles_are_laid_out_like_them() {
                     let texels = ours.texels(face, res, true).unwrap();
                     assert_eq!(hash(&texels), *wanted, "{place} premultiplied");
                 }
+            }
+        }
+    }
+}
+
+/// Where all faces are constant, all are among their like, but for those at a border that is not clamped. Where one
+/// is another, those that touch it are not; and touching is mutual, also between faces, sub-faces and triangles.
+#[test]
+fn constant_neighbourhoods_are_mutual() {
+    for Oracle { name, reader, .. } in oracles() {
+        let count = reader.face_count();
+        if !(2..=60).contains(&count) || name == "missing_u8_rgb" {
+            continue;
+        }
+        let flags = |other: Option<u32>, border: BorderMode| -> Vec<bool> {
+            let mut format = Format::new(reader.mesh_type(), reader.data_type(), 1);
+            format.u_border = border;
+            let mut writer = Writer::new(format, count).unwrap();
+            for face in 0..count {
+                let mut texel = [0; 4];
+                texel[0] = u8::from(Some(face) == other);
+                let texel = &texel[..reader.data_type().bytes()];
+                writer.face(face, reader.face(face), texel).unwrap();
+            }
+            let bytes = writer.bytes().unwrap();
+            let made = Reader::from_bytes(bytes, &name, &Cache::default()).unwrap();
+            (0..count)
+                .map(|face| made.face(face).constant_neighbourhood)
+                .collect()
+        };
+        assert!(flags(None, BorderMode::Clamp).iter().all(|f| *f), "{name}");
+        let edges = match reader.mesh_type() {
+            MeshType::Triangle => 3,
+            MeshType::Quad => 4,
+        };
+        let black = flags(None, BorderMode::Black);
+        for (face, flag) in (0..).zip(black) {
+            let neighbours = &reader.face(face).neighbours[..edges];
+            assert!(
+                !flag || neighbours.iter().all(Option::is_some),
+                "{name} {face}"
+            );
+        }
+        let touched: Vec<Vec<bool>> = (0..count)
+            .map(|face| flags(Some(face), BorderMode::Clamp))
+            .collect();
+        for (face, flags) in touched.iter().enumerate() {
+            assert!(!flags[face], "{name} {face}");
+            for neighbour in reader.face(face as u32).neighbours.iter().flatten() {
+                assert!(!flags[neighbour.face as usize], "{name} {face}");
+            }
+            for (other, flag) in flags.iter().enumerate() {
+                assert_eq!(*flag, touched[other][face], "{name} {face} {other}");
             }
         }
     }

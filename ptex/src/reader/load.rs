@@ -357,7 +357,6 @@ impl Shared {
             if let Some(texel) = from.constant_texel() {
                 return Ok(Stored::Constant(texel));
             }
-            self.admit(self.bytes_of(parent))?;
             let texels = from.whole()?;
             let size = 1 << parent.ulog2;
             return Ok(Stored::Whole(reduce::triangle(&texels, size, channels)));
@@ -387,7 +386,6 @@ impl Shared {
             };
             return Ok(Stored::Tiled(Tiled::new(face, res, tile_res, from)));
         }
-        self.admit(self.bytes_of(parent))?;
         let texels = from.whole()?;
         let width = 1 << parent.ulog2;
         Ok(Stored::Whole(reduce::halved(
@@ -467,7 +465,6 @@ impl Shared {
                 if let Some(texel) = from.constant_rect(x, y, width, height)? {
                     return Ok(Stored::Constant(texel));
                 }
-                self.admit(2 * self.bytes_of(size))?;
                 let texels = from.rect(x, y, width, height)?;
                 let channels = usize::from(self.header.channels);
                 Ok(Stored::Whole(reduce::halved(

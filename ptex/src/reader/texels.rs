@@ -152,7 +152,8 @@ impl<'r> Texels<'r> {
     /// of a texel side by side, little endian.
     ///
     /// # Errors
-    /// If a tile had to be read and could not be.
+    /// If a tile had to be read and could not be, or the texels take more memory than the cache's budget and than the
+    /// file's size can justify.
     ///
     /// # Panics
     /// If there are no such texels.
@@ -164,6 +165,7 @@ impl<'r> Texels<'r> {
         height: usize,
         out: &mut Vec<u8>,
     ) -> Result<()> {
+        self.admit(width, height)?;
         self.runs(x0, y0, width, height, |pixels, from, to| {
             pixels.write(from, to, out);
         })
@@ -174,6 +176,7 @@ impl<'r> Texels<'r> {
     }
 
     pub(super) fn rect(&self, x: usize, y: usize, width: usize, height: usize) -> Result<Pixels> {
+        self.admit(width, height)?;
         with_type!(self.file.header.data_type, S => {
             let mut out: Vec<S> = Vec::with_capacity(width * height * self.channels());
             self.runs(x, y, width, height, |pixels, from, to| {
@@ -256,6 +259,14 @@ impl<'r> Texels<'r> {
             }
         }
         Ok(())
+    }
+
+    /// Constant texels and tiles can stand for any number: what they are expanded to is looked at first.
+    fn admit(&self, width: usize, height: usize) -> Result<()> {
+        let texels = width as u64 * height as u64;
+        let bytes = texels.saturating_mul(self.file.header.pixel_bytes() as u64);
+        let place = |e: crate::Error| e.in_file(&self.file.path);
+        self.file.admit(bytes).map_err(place)
     }
 
     #[inline]

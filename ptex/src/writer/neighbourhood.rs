@@ -1,6 +1,6 @@
 //! Which faces lie among faces of the same constant texel: a filter need not look further there.
 
-use crate::types::{BorderMode, FaceInfo, MeshType};
+use crate::types::{BorderMode, FaceInfo, MeshType, Neighbour};
 
 /// A walk around a vertex meets no more faces than this, or the adjacency is wrong.
 const LONGEST_WALK: usize = 10_000;
@@ -70,9 +70,17 @@ impl Walk<'_> {
         let first = if clockwise { corner } else { before(corner) };
         let (mut face, mut edge) = (start, first);
         for _ in 0..LONGEST_WALK {
-            let Some(next) = self.faces[face].neighbours[edge] else {
+            let Some(mut next) = self.faces[face].neighbours[edge] else {
                 return End::Border;
             };
+            // Of the two sub-faces along the edge of a large face the other one touches the edge's end.
+            let halves = !self.faces[face].subface && self.faces[next.face as usize].subface;
+            if halves && !clockwise {
+                match self.other_half(next) {
+                    Some(other) => next = other,
+                    None => return End::Other,
+                }
+            }
             let (from, entered) = (face, usize::from(next.edge) % self.edges);
             face = next.face as usize;
             if !like(face) {
@@ -95,5 +103,15 @@ impl Walk<'_> {
             }
         }
         End::Other
+    }
+
+    /// The sub-face behind the one that a large face names, which borders on the same edge.
+    fn other_half(&self, named: Neighbour) -> Option<Neighbour> {
+        let between = usize::from(named.edge + 3) % self.edges;
+        let other = self.faces[named.face as usize].neighbours[between]?;
+        Some(Neighbour {
+            edge: ((usize::from(other.edge) + 3) % self.edges) as u8,
+            ..other
+        })
     }
 }

@@ -200,6 +200,7 @@ fn header(reader: &Reader) -> Value {
     })
 }
 
+/// Likewise; zeros of files that have none.
 fn ext_header(reader: &Reader) -> Value {
     let ext = reader.ext_header();
     json!({
@@ -351,15 +352,23 @@ fn meta_value(value: &MetaValue) -> Value {
         MetaValue::I16(v) => json!(v),
         MetaValue::I32(v) => json!(v),
         MetaValue::F32(v) => v.iter().map(|v| nine_digits(*v)).collect(),
-        MetaValue::F64(v) => json!(v),
+        MetaValue::F64(v) => v.iter().map(|v| number(*v)).collect(),
     }
 }
 
-/// Nine digits tell a single float from all others. What is not finite is null.
+/// Nine digits tell a single float from all others.
 fn nine_digits(value: f32) -> Value {
-    format!("{value:.8e}")
-        .parse::<f64>()
-        .map_or(Value::Null, Value::from)
+    format!("{value:.8e}").parse().map_or(Value::Null, number)
+}
+
+/// Whole numbers without a point; what is not finite is null.
+fn number(value: f64) -> Value {
+    // Up to here all whole numbers are exact.
+    const EXACT: f64 = (1_u64 << 53) as f64;
+    match value {
+        v if v.fract() == 0.0 && v.abs() < EXACT => Value::from(v as i64),
+        v => Value::from(v),
+    }
 }
 
 fn mesh_type(mesh_type: MeshType) -> &'static str {
