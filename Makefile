@@ -2,7 +2,7 @@
 
 # The openusd crate declares Rust 1.96 and builds on 1.95: see "Toolchain" in README.md.
 CARGO_FLAGS := --ignore-rust-version --locked
-PACKAGES    := libembree-dev libopenimageio-dev libclang-dev g++ pkg-config
+PACKAGES    := libembree-dev libopenimageio-dev openimageio-tools libclang-dev g++ pkg-config
 RELIEVO     := target/release/relievo
 OUT         := out
 
@@ -12,7 +12,7 @@ MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
                scenes/ptex/made/colours.ptx scenes/ptex/made/heights.ptx \
                $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
-.PHONY: demo test bench scenes fuzz leaks long-bounds deps build lint clean
+.PHONY: demo test bench plugin scenes fuzz leaks long-bounds deps build lint clean
 
 demo: build scenes
 	mkdir -p $(OUT)
@@ -22,6 +22,13 @@ demo: build scenes
 
 build: deps
 	cargo build --release $(CARGO_FLAGS)
+
+# Ptex for OpenImageIO's own tools and all that use it: OIIO_LIBRARY_PATH=target/plugin oiiotool --info -a some.ptx
+plugin: deps
+	cargo build --release $(CARGO_FLAGS) -p ptex-oiio
+	mkdir -p target/plugin
+	cp target/release/libptex_oiio.so target/plugin/ptex.imageio.so
+	@echo "The plugin is target/plugin/ptex.imageio.so; OIIO_LIBRARY_PATH=$(CURDIR)/target/plugin lets programs find it"
 
 test: deps scenes
 	cargo test --release --workspace $(CARGO_FLAGS)

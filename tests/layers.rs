@@ -84,9 +84,10 @@ const LAYERS: [(&str, &[&str]); 20] = [
 ];
 
 /// The foreign libraries, and who may hold their handles.
-const BORDERS: [(&str, &str); 3] = [
+const BORDERS: [(&str, &str); 4] = [
     ("embree4_sys", "trace"),
     ("openimageio_sys", "image"),
+    ("ptex_oiio", "image"),
     ("openusd", "scene"),
 ];
 

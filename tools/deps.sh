@@ -34,7 +34,8 @@ fi
 cat >&2 <<'END'
 relievo needs, beside Rust: Embree 4 (or 3.13) with headers, OpenImageIO with headers, libclang with headers,
 a C++17 compiler and pkg-config. Debian and Ubuntu name them
-  libembree-dev libopenimageio-dev libclang-dev g++ pkg-config
+  libembree-dev libopenimageio-dev openimageio-tools libclang-dev g++ pkg-config
+(openimageio-tools for tests only).
 Install them with your system's package manager and try again.
 END
 exit 1

@@ -1,11 +1,14 @@
 //! The only place that calls OpenImageIO: handles with owners, slices with checked lengths, messages as strings.
 #![allow(unsafe_code)]
 
-use std::ffi::{CStr, CString, OsStr, c_char};
+#[cfg(test)]
+pub(super) mod raw;
+
+use std::ffi::{CStr, CString, OsStr, c_char, c_void};
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 use std::ptr::{self, NonNull};
-use std::sync::Arc;
+use std::sync::{Arc, Once};
 
 use half::f16;
 use openimageio_sys as sys;
@@ -91,6 +94,7 @@ pub(super) struct Input {
 impl Input {
     /// Opens a file; or `bytes`, with `name` to tell the format by.
     pub(super) fn open(name: &OsStr, bytes: Option<Arc<[u8]>>) -> Result<Self, Refusal> {
+        declare_formats();
         let name = c_string(name.as_bytes())?;
         let (data, size) = match &bytes {
             Some(bytes) => (bytes.as_ptr(), bytes.len()),
@@ -119,11 +123,23 @@ impl Input {
 
     /// The header of a part.
     pub(super) fn info(&mut self, part: u32) -> Result<Info, Refusal> {
+        self.level_info(part, 0)
+    }
+
+    /// The header of a MIP level of a part.
+    fn level_info(&mut self, part: u32, level: u32) -> Result<Info, Refusal> {
         let mut info = sys::OiioBorderInfo::default();
         call(|message, message_size| {
             // SAFETY: the handle is alive until `drop`, and `&mut self` makes us its only user.
             unsafe {
-                sys::oiio_border_info(self.handle.as_ptr(), part, &mut info, message, message_size)
+                sys::oiio_border_info(
+                    self.handle.as_ptr(),
+                    part,
+                    level,
+                    &mut info,
+                    message,
+                    message_size,
+                )
             }
         })?;
         Ok(Info {
@@ -172,21 +188,21 @@ impl Input {
             })?;
         Ok(match format {
             Format::Byte => Pixels::Byte(self.fill(
-                part,
+                [part, 0],
                 channels,
                 sys::OIIO_BORDER_UINT8,
                 limit,
                 vec![0_u8; count],
             )?),
             Format::Half => Pixels::Half(self.fill(
-                part,
+                [part, 0],
                 channels,
                 sys::OIIO_BORDER_HALF,
                 limit,
                 vec![f16::ZERO; count],
             )?),
             Format::Float => Pixels::Float(self.fill(
-                part,
+                [part, 0],
                 channels,
                 sys::OIIO_BORDER_FLOAT,
                 limit,
@@ -195,10 +211,10 @@ impl Input {
         })
     }
 
-    /// Reads into `pixels`; `T` is a plain number of the size that `format` has.
+    /// Reads a level of a part into `pixels`; `T` is a plain number of the size that `format` has.
     fn fill<T: Copy>(
         &mut self,
-        part: u32,
+        [part, level]: [u32; 2],
         channels: u32,
         format: u32,
         limit: usize,
@@ -207,11 +223,12 @@ impl Input {
         let size = size_of_val(pixels.as_slice());
         call(|message, message_size| {
             // SAFETY: the handle is alive and ours alone; `pixels` is initialised and has `size` bytes, of which
-            // the callee makes sure that they are exactly what it writes; any bits are a valid u8, f16 or f32.
+            // the callee makes sure that they are exactly what it writes; any bits are a valid whole number, f16 or f32.
             unsafe {
                 sys::oiio_border_read(
                     self.handle.as_ptr(),
                     part,
+                    level,
                     channels,
                     format,
                     pixels.as_mut_ptr().cast(),
@@ -223,68 +240,6 @@ impl Input {
             }
         })?;
         Ok(pixels)
-    }
-}
-
-#[cfg(test)]
-impl Input {
-    /// Whole numbers, bit by bit, of a part whose channels are all [`ChannelFormat::Uint`].
-    pub(super) fn read_uint(&mut self, part: u32, channels: u32) -> Result<Vec<u32>, Refusal> {
-        let info = self.info(part)?;
-        let count = (info.width * info.height * channels) as usize;
-        let pixels = vec![0_u32; count];
-        self.fill(part, channels, sys::OIIO_BORDER_UINT32, usize::MAX, pixels)
-    }
-
-    /// Name and format of a channel; `None`: a byte.
-    pub(super) fn channel(
-        &mut self,
-        part: u32,
-        channel: u32,
-    ) -> Result<(String, Option<ChannelFormat>), Refusal> {
-        let (mut format, mut name) = (0, [0; 256]);
-        call(|message, message_size| {
-            // SAFETY: the handle is alive and ours alone; the buffers are ours and their sizes are passed.
-            unsafe {
-                sys::oiio_border_channel(
-                    self.handle.as_ptr(),
-                    part,
-                    channel,
-                    &mut format,
-                    name.as_mut_ptr(),
-                    name.len(),
-                    message,
-                    message_size,
-                )
-            }
-        })?;
-        let format = match format {
-            sys::OIIO_BORDER_HALF => Some(ChannelFormat::Half),
-            sys::OIIO_BORDER_FLOAT => Some(ChannelFormat::Float),
-            sys::OIIO_BORDER_UINT32 => Some(ChannelFormat::Uint),
-            _ => None,
-        };
-        Ok((text_of(&name), format))
-    }
-
-    /// An attribute, as text.
-    pub(super) fn attribute(&mut self, part: u32, name: &str) -> Result<String, Refusal> {
-        let (name, mut text) = (c_string(name.as_bytes())?, [0; 1024]);
-        call(|message, message_size| {
-            // SAFETY: the handle is alive and ours alone; the buffers are ours and their sizes are passed.
-            unsafe {
-                sys::oiio_border_attribute(
-                    self.handle.as_ptr(),
-                    part,
-                    name.as_ptr(),
-                    text.as_mut_ptr(),
-                    text.len(),
-                    message,
-                    message_size,
-                )
-            }
-        })?;
-        Ok(text_of(&text))
     }
 }
 
@@ -330,6 +285,7 @@ impl Output {
         format: FileFormat,
         header: &Header<'_>,
     ) -> Result<Self, Refusal> {
+        declare_formats();
         // All strings with their zeros first: the structures below point into these vectors, which are complete
         // before the first pointer is taken.
         let path = c_string(path.as_os_str().as_bytes())?;
@@ -489,6 +445,36 @@ fn attribute(value: &Attribute, name: &CStr, text: Option<&CStr>) -> sys::OiioBo
         }
     }
     out
+}
+
+/// Makes our reader the one for Ptex, before OpenImageIO's for raw photographs claims the ending `.ptx`: what it does at
+/// its first use, whatever that is.
+fn declare_formats() {
+    // OpenImageIO's registry is the process's, and has to be told once, by one thread.
+    static DECLARED: Once = Once::new();
+    DECLARED.call_once(|| {
+        let declared = call(|message, message_size| {
+            // SAFETY: the strings are constants, the list of them ends with a null; the function makes an
+            // `OIIO::ImageInput`, or null; the buffer is ours. No other thread of ours is in OpenImageIO: all come
+            // through here first.
+            unsafe {
+                sys::oiio_border_declare(
+                    ptex_oiio::NAME.as_ptr(),
+                    ptex_oiio::EXTENSIONS.as_ptr(),
+                    ptex_oiio::ptex_imageio_library_version(),
+                    Some(new_ptex_input),
+                    message,
+                    message_size,
+                )
+            }
+        });
+        // Only memory can be lacking. Then `.ptx` files cannot be opened, which will be told.
+        debug_assert_eq!(declared, Ok(()));
+    });
+}
+
+unsafe extern "C" fn new_ptex_input() -> *mut c_void {
+    ptex_oiio::ptex_input_imageio_create()
 }
 
 /// Calls with a buffer for the message, and makes a `Result` of the code.

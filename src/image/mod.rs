@@ -8,6 +8,8 @@ mod exr;
 mod picture;
 mod png;
 mod ptex;
+#[cfg(test)]
+mod ptex_tests;
 mod source;
 mod temporary;
 #[cfg(test)]

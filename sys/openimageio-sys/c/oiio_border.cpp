@@ -74,6 +74,7 @@ OIIO::TypeDesc type_of(uint32_t format)
     case OIIO_BORDER_HALF: return OIIO::TypeDesc::HALF;
     case OIIO_BORDER_FLOAT: return OIIO::TypeDesc::FLOAT;
     case OIIO_BORDER_UINT32: return OIIO::TypeDesc::UINT32;
+    case OIIO_BORDER_UINT16: return OIIO::TypeDesc::UINT16;
     default: throw Failure { OIIO_BORDER_MISUSE, "unknown channel format" };
     }
 }
@@ -172,11 +173,14 @@ struct OiioBorderInput {
     std::unique_ptr<OIIO::Filesystem::IOMemReader> memory;
     OIIO::ImageInput::unique_ptr input;
 
-    OIIO::ImageSpec spec(uint32_t part)
+    OIIO::ImageSpec spec(uint32_t part, uint32_t level = 0)
     {
-        if (!input->seek_subimage(int(part), 0)) {
+        if (!input->seek_subimage(int(part), int(level))) {
             (void)input->geterror();
-            throw Failure { OIIO_BORDER_ABSENT, "the file has no part " + std::to_string(part) };
+            std::string what = "part " + std::to_string(part);
+            if (level > 0)
+                what = "level " + std::to_string(level) + " of " + what;
+            throw Failure { OIIO_BORDER_ABSENT, "the file has no " + what };
         }
         return input->spec();
     }
@@ -231,6 +235,21 @@ struct OiioBorderOutput {
 
 void oiio_border_version(char* text, size_t text_size) { copy_text(OIIO_VERSION_STRING, text, text_size); }
 
+int oiio_border_declare(const char* name, const char* const* endings, const char* version, void* (*create)(void),
+                        char* message, size_t message_size)
+{
+    return guarded(OIIO_BORDER_MISUSE, message, message_size, [&] {
+        if (!name || !endings || !version || !create)
+            throw Failure { OIIO_BORDER_MISUSE, "null pointer" };
+        // The pointer that it makes is one to ImageInput: only C has no name for that.
+        OIIO::declare_imageio_format(name, reinterpret_cast<OIIO::ImageInput::Creator>(create),
+                                     const_cast<const char**>(endings), nullptr, nullptr, version);
+        // OpenImageIO takes a registry that is not empty for a complete one, when asked which formats it knows. A
+        // format that is not in it yet makes it add all others.
+        (void)OIIO::ImageInput::create("openexr");
+    });
+}
+
 int oiio_border_open(const char* name, const uint8_t* bytes, size_t byte_count, OiioBorderInput** input,
                      char* message, size_t message_size)
 {
@@ -254,13 +273,13 @@ int oiio_border_open(const char* name, const uint8_t* bytes, size_t byte_count, 
     });
 }
 
-int oiio_border_info(OiioBorderInput* input, uint32_t part, OiioBorderInfo* info, char* message,
+int oiio_border_info(OiioBorderInput* input, uint32_t part, uint32_t level, OiioBorderInfo* info, char* message,
                      size_t message_size)
 {
     return guarded(OIIO_BORDER_BAD_IMAGE, message, message_size, [&] {
         if (!input || !info)
             throw Failure { OIIO_BORDER_MISUSE, "null pointer" };
-        const OIIO::ImageSpec spec = input->spec(part);
+        const OIIO::ImageSpec spec = input->spec(part, level);
         if (spec.width <= 0 || spec.height <= 0 || spec.nchannels <= 0)
             throw Failure { OIIO_BORDER_BAD_IMAGE, "the image has no pixels: " + std::to_string(spec.width)
                                                        + " x " + std::to_string(spec.height) + ", "
@@ -318,13 +337,13 @@ int oiio_border_attribute(OiioBorderInput* input, uint32_t part, const char* nam
     });
 }
 
-int oiio_border_read(OiioBorderInput* input, uint32_t part, uint32_t channels, uint32_t format, void* pixels,
-                     size_t byte_count, size_t limit, char* message, size_t message_size)
+int oiio_border_read(OiioBorderInput* input, uint32_t part, uint32_t level, uint32_t channels, uint32_t format,
+                     void* pixels, size_t byte_count, size_t limit, char* message, size_t message_size)
 {
     return guarded(OIIO_BORDER_CANNOT_READ, message, message_size, [&] {
         if (!input || !pixels)
             throw Failure { OIIO_BORDER_MISUSE, "null pointer" };
-        const OIIO::ImageSpec spec = input->spec(part);
+        const OIIO::ImageSpec spec = input->spec(part, level);
         if (spec.width <= 0 || spec.height <= 0 || spec.depth > 1 || spec.deep)
             throw Failure { OIIO_BORDER_BAD_IMAGE, "not a flat image with pixels" };
         if (channels == 0 || channels > uint32_t(spec.nchannels))
@@ -337,7 +356,7 @@ int oiio_border_read(OiioBorderInput* input, uint32_t part, uint32_t channels, u
             throw Failure { OIIO_BORDER_TOO_LARGE, "the image takes too much memory" };
         if (texels * texel != uint64_t(byte_count))
             throw Failure { OIIO_BORDER_MISUSE, "the buffer has another size" };
-        if (!input->input->read_image(int(part), 0, 0, int(channels), type, pixels))
+        if (!input->input->read_image(int(part), int(level), 0, int(channels), type, pixels))
             throw Failure { OIIO_BORDER_CANNOT_READ, or_unknown(input->input->geterror()) };
     });
 }

@@ -32,16 +32,24 @@ enum {
 };
 
 /* What a channel's numbers are. In a file that is read, all formats not named here count as float:
-   whole numbers are then scaled to 0..1. */
+   whole numbers are then scaled to 0..1. UINT32 and UINT16 are only there for who asks for them. */
 enum {
     OIIO_BORDER_UINT8 = 0,
     OIIO_BORDER_HALF = 1,
     OIIO_BORDER_FLOAT = 2,
-    OIIO_BORDER_UINT32 = 3
+    OIIO_BORDER_UINT32 = 3,
+    OIIO_BORDER_UINT16 = 4
 };
 
 /* OpenImageIO's version, "2.4.7.1". */
 void oiio_border_version(char* text, size_t text_size);
+
+/* Adds a reader to OpenImageIO's registry: the format's name, endings of file names with a null at the end, the
+   version of what reads it, and a function that makes a new OIIO::ImageInput. OpenImageIO keeps the pointers. What
+   comes first has an ending: to be called before anything else of OpenImageIO, which adds its own readers when it is
+   first asked for one, and here right behind this one. Not while another thread uses OpenImageIO. */
+int oiio_border_declare(const char* name, const char* const* endings, const char* version, void* (*create)(void),
+                        char* message, size_t message_size);
 
 /* ---- Reading ---- */
 
@@ -69,8 +77,10 @@ typedef struct OiioBorderInfo {
 int oiio_border_open(const char* name, const uint8_t* bytes, size_t byte_count, OiioBorderInput** input,
                      char* message, size_t message_size);
 
-/* The part's (subimage's) header. Fails with OIIO_BORDER_BAD_IMAGE when it describes no flat picture. */
-int oiio_border_info(OiioBorderInput* input, uint32_t part, OiioBorderInfo* info, char* message,
+/* The header of a level of the part (subimage). Level 0 is the full size, those behind it are MIP levels, where the
+   file has some. Fails with OIIO_BORDER_ABSENT where it has not, and with OIIO_BORDER_BAD_IMAGE when the header
+   describes no flat picture. */
+int oiio_border_info(OiioBorderInput* input, uint32_t part, uint32_t level, OiioBorderInfo* info, char* message,
                      size_t message_size);
 
 /* Channel `channel` of the part: its name, and its format in the file as in OiioBorderInfo (or UINT32). */
@@ -81,10 +91,10 @@ int oiio_border_channel(OiioBorderInput* input, uint32_t part, uint32_t channel,
 int oiio_border_attribute(OiioBorderInput* input, uint32_t part, const char* name, char* text, size_t text_size,
                           char* message, size_t message_size);
 
-/* The first `channels` channels of the part, interleaved, row 0 on top, converted to `format`. `pixels` has
-   exactly `byte_count` bytes; more than `limit` is refused. */
-int oiio_border_read(OiioBorderInput* input, uint32_t part, uint32_t channels, uint32_t format, void* pixels,
-                     size_t byte_count, size_t limit, char* message, size_t message_size);
+/* The first `channels` channels of a level of the part, interleaved, row 0 on top, converted to `format`. `pixels`
+   has exactly `byte_count` bytes; more than `limit` is refused. */
+int oiio_border_read(OiioBorderInput* input, uint32_t part, uint32_t level, uint32_t channels, uint32_t format,
+                     void* pixels, size_t byte_count, size_t limit, char* message, size_t message_size);
 
 /* Null is allowed. */
 void oiio_border_close(OiioBorderInput* input);
