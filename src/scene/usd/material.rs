@@ -269,33 +269,12 @@ impl Reader {
             if let Some(map) = self.texture_map(&source, &output, T::SCALAR) {
                 return Input::Texture(map);
             }
-            // Without an image a texture is its fallback.
-            let fallback = self.fallback(&source);
-            let scalar = match output.as_str() {
-                "g" => fallback.y,
-                "b" => fallback.z,
-                "a" => fallback.w,
-                _ => fallback.x,
-            };
-            let value = if T::SCALAR || output != "rgb" {
-                sdf::Value::Float(scalar)
-            } else {
-                let [x, y, z] = fallback.truncate().to_array();
-                sdf::Value::Vec3f([x, y, z].into())
-            };
-            let value = T::from_value(value)
-                .or_else(|| T::from_value(sdf::Value::Vec3f([scalar; 3].into())));
-            return Input::Value(value.unwrap_or(default));
+            return Input::Value(self.without_image(&source, &output, default));
         }
         if id == "RelievoPtexTexture" {
             return match self.ptex_file(&source) {
                 Some(file) => Input::Ptex(self.ptex_map(&source, &output, file, T::SCALAR)),
-                None => {
-                    self.warn("Ptex without a file", || {
-                        format!("{}: its file cannot be told", source.path().as_str())
-                    });
-                    Input::Value(default)
-                }
+                None => Input::Value(self.without_image(&source, &output, default)),
             };
         }
         if id.starts_with("UsdPrimvarReader_float")
@@ -327,6 +306,26 @@ impl Reader {
             self.own(&shader.attribute(format!("inputs:{name}")))
                 .unwrap_or(default),
         )
+    }
+
+    /// What an output of a texture is without an image: its fallback.
+    fn without_image<T: Channel>(&self, texture: &Prim, output: &str, default: T) -> T {
+        let fallback = self.fallback(texture);
+        let scalar = match output {
+            "g" => fallback.y,
+            "b" => fallback.z,
+            "a" => fallback.w,
+            _ => fallback.x,
+        };
+        let value = if T::SCALAR || output != "rgb" {
+            sdf::Value::Float(scalar)
+        } else {
+            let [x, y, z] = fallback.truncate().to_array();
+            sdf::Value::Vec3f([x, y, z].into())
+        };
+        T::from_value(value)
+            .or_else(|| T::from_value(sdf::Value::Vec3f([scalar; 3].into())))
+            .unwrap_or(default)
     }
 
     /// What a texture is without an image.
