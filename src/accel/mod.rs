@@ -1,7 +1,9 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
 mod compact;
+mod compressed;
 mod moment;
+mod shape;
 mod simd;
 mod tessellated;
 #[cfg(test)]
@@ -12,6 +14,7 @@ mod trimmed;
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
 pub use compact::{Accuracy, Compact, CompactOptions};
+pub use compressed::{Compressed, CompressedOptions};
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

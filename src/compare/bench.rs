@@ -3,7 +3,8 @@
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
 //! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
 //! scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
-//! scene. The hits are those of `embree-triangles`, for all methods.
+//! scene. The hits are those of `embree-triangles`, for all methods; but the rays that leave from there start as far off as
+//! the method with the largest [error](crate::trace::SceneHit::error) there would let them: none of them has to meet what it starts from.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -18,6 +19,7 @@ use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::camera;
 use crate::scene::Description;
+use crate::shade::camera::Camera;
 use crate::trace::{Device, DeviceOptions, Scene};
 use crate::world::{Method, objects};
 
@@ -175,7 +177,8 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
         .iter()
         .position(|entry| entry.method == Method::EmbreeTriangles)
         .expect("it was put among the methods");
-    let kinds = rays(&entries[twin].scene, &view);
+    let scenes: Vec<&Scene> = entries.iter().map(|entry| &entry.scene).collect();
+    let kinds = rays(&entries[twin].scene, &scenes, &view);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut counts = vec![1, threads];
     counts.dedup();
@@ -258,8 +261,8 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<(Scene, u64, f64)> {
     Ok((scene, bytes as u64, seconds))
 }
 
-/// The three kinds of rays.
-fn rays(scene: &Scene, view: &crate::shade::camera::Camera) -> [(&'static str, Vec<Ray>); 3] {
+/// The three kinds of rays: by the hits in `scene`, clear of the surfaces of `all`.
+fn rays(scene: &Scene, all: &[&Scene], view: &Camera) -> [(&'static str, Vec<Ray>); 3] {
     let [width, height] = view.resolution();
     let primary: Vec<Ray> = (0..height)
         .flat_map(|y| (0..width).map(move |x| Vec2::new(x as f32 + 0.5, y as f32 + 0.5)))
@@ -280,7 +283,10 @@ fn rays(scene: &Scene, view: &crate::shade::camera::Camera) -> [(&'static str, V
         } else {
             normal
         };
-        let p = ray.at(hit.t);
+        let errors = all
+            .iter()
+            .filter_map(|scene| Some(scene.intersect(ray)?.error));
+        let p = ray.at(hit.t) + errors.fold(0.0, f32::max) * normal;
         let offset = 1e-4 * (max - min).length();
         let local = (random.direction() + Vec3::Z).normalize_or(Vec3::Z);
         let start = |direction| Ray {

@@ -28,6 +28,9 @@ const FINER: u32 = 4;
 /// Farther apart than this part of the box, two hits are not of one place, and their normals are not compared.
 const SAME_PLACE: f32 = 1e-3;
 
+/// Only a way through a mesh of so many times the hits' errors is surely within it.
+const DEEPER: f32 = 4.0;
+
 /// What was found.
 #[derive(Debug, Clone)]
 pub struct Verified {
@@ -264,7 +267,8 @@ fn leaks(prepared: &Prepared, traced: &Traced, rays: u64) -> u64 {
             };
             // In through one side and out through the other.
             let sides = [first, second].map(|hit| hit.normal.dot(ray.direction));
-            if sides[0] * sides[1] >= 0.0 || second.t - first.t < 1e-3 * diagonal {
+            let clear = 1e-3 * diagonal + DEEPER * (first.error + second.error);
+            if sides[0] * sides[1] >= 0.0 || second.t - first.t < clear {
                 return false;
             }
             let inside = ray.at(0.5 * (first.t + second.t));

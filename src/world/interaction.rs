@@ -94,7 +94,7 @@ impl World {
             -1.0
         };
         let on_facet = ray.at(hit.t);
-        let place = shape.place(hit);
+        let place = shape.place(hit, &ray.transformed(object_from_world));
         let point = shape.point(geometry, place, towards * hit.normal, ray.time);
         let largest = on_facet.abs().max(ray.origin.abs()).max_element();
         // The hit's own error is in the object's space; no direction is stretched by more than the matrix's norm.
@@ -116,7 +116,10 @@ impl World {
             // their neighbours. The smooth surface lies in front of them there.
             let gap = world_from_object.transform_point3(smooth.position) - on_facet;
             let ahead = towards * gap.dot(geometric_normal);
-            if ahead > 0.0 && ahead.is_finite() {
+            if shape.is_near_only() && gap.is_finite() {
+                // A box is no facet: the surface may as well lie behind what was hit, within the error.
+                position = on_facet + gap.clamp_length_max(error);
+            } else if ahead > 0.0 && ahead.is_finite() {
                 position = on_facet + towards * ahead * geometric_normal;
             }
         }

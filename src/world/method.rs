@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::accel::{Compact, CompactOptions, Intersector, Tessellated, Trimmed};
+use crate::accel::{
+    Compact, CompactOptions, Compressed, CompressedOptions, Intersector, Tessellated, Trimmed,
+};
 use crate::error::Result;
 use crate::math::Vec2;
 use crate::surface::{Diced, Grids, Rates, Surface};
@@ -22,6 +24,8 @@ pub enum Method {
     Tessellated,
     /// Our micro-triangles quantised, in trees without pointers.
     Compact,
+    /// Boxes around a few of our micro-triangles each, in trees without pointers.
+    Compressed,
 }
 
 /// A surface built for a method.
@@ -42,16 +46,19 @@ pub enum HitPlaces {
     Grids(Arc<Grids>),
     /// The hit has them itself.
     OfHit,
+    /// The hit has some that are near: it stands for a piece of the surface.
+    NearHit,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 5] = [
+    pub const ALL: [Self; 6] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
         Self::Tessellated,
         Self::Compact,
+        Self::Compressed,
     ];
 
     /// Its name on the command line and in reports.
@@ -62,6 +69,7 @@ impl Method {
             Self::EmbreeGrid => "embree-grid",
             Self::Tessellated => "tessellated",
             Self::Compact => "compact",
+            Self::Compressed => "compressed",
         }
     }
 
@@ -75,6 +83,7 @@ impl Method {
             Self::EmbreeGrid => "micro-triangles as Embree's grids",
             Self::Tessellated => "micro-triangles in a plain tree of our own: slow",
             Self::Compact => "micro-triangles at about a byte each, in trees of our own",
+            Self::Compressed => "boxes around a few micro-triangles each, at half a byte for one",
         }
     }
 
@@ -87,6 +96,7 @@ impl Method {
             Self::EmbreeGrid => 32,
             Self::Tessellated => 50,
             Self::Compact => 3,
+            Self::Compressed => 2,
         }
     }
 
@@ -117,11 +127,21 @@ impl Method {
                 let geometry = Geometry::diced_grids(device, &diced)?;
                 (geometry, HitPlaces::Grids(grids), bytes)
             }
-            Self::Tessellated => of_hit(Tessellated::build(diced()), surface, device)?,
+            Self::Tessellated => {
+                let (geometry, bytes) = user(Tessellated::build(diced()), surface, device)?;
+                (geometry, HitPlaces::OfHit, bytes)
+            }
             Self::Compact => {
                 // It dices by itself, a few rows at a time.
                 let tree = Compact::build(surface, rates, &CompactOptions::default(), &|_| true)?;
-                of_hit(tree, surface, device)?
+                let (geometry, bytes) = user(tree, surface, device)?;
+                (geometry, HitPlaces::OfHit, bytes)
+            }
+            Self::Compressed => {
+                let options = CompressedOptions::default();
+                let tree = Compressed::build(surface, rates, &options, &|_| true)?;
+                let (geometry, bytes) = user(tree, surface, device)?;
+                (geometry, HitPlaces::NearHit, bytes)
             }
         };
         let geometry = places.trimmed(geometry, surface);
@@ -133,19 +153,19 @@ impl Method {
     }
 }
 
-/// A method of our own on what is kept of a surface.
-fn of_hit<I: Intersector + 'static>(
+/// A method of our own on what is kept of a surface, and the bytes that it holds.
+fn user<I: Intersector + 'static>(
     method: I,
     surface: &Arc<Surface>,
     device: &Device,
-) -> Result<(Geometry, HitPlaces, usize)> {
+) -> Result<(Geometry, usize)> {
     let bytes = method.memory();
     let geometry = if surface.base().is_trimmed() {
         Geometry::user(device, Arc::new(Trimmed::new(method, surface.clone())))?
     } else {
         Geometry::user(device, Arc::new(method))?
     };
-    Ok((geometry, HitPlaces::OfHit, bytes))
+    Ok((geometry, bytes))
 }
 
 impl HitPlaces {
@@ -157,7 +177,7 @@ impl HitPlaces {
         match self {
             Self::Triangles(grids) => diced_triangle_uv(grids, hit.primitive, hit.uv),
             Self::Grids(grids) => diced_grid_uv(grids, hit.primitive, hit.uv),
-            Self::OfHit => (hit.face, hit.uv),
+            Self::OfHit | Self::NearHit => (hit.face, hit.uv),
         }
     }
 
@@ -179,7 +199,7 @@ impl HitPlaces {
                         is_kept(diced_grid_uv(&grids, primitive, uv))
                     }));
                 }
-                Self::OfHit => {}
+                Self::OfHit | Self::NearHit => {}
             }
         }
         geometry

@@ -10,8 +10,9 @@ use rayon::prelude::*;
 
 use super::block::{CELLS, PADDING, SIDE, UNIT, Vertices};
 use super::lattice::{Extent, Lattice};
-use super::tree::{FAN, Node, Shape};
+use super::tree::Node;
 use super::{Accuracy, Compact, CompactOptions, Face};
+use crate::accel::shape::{FAN, Shape};
 use crate::accel::simd::Isa;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
@@ -298,7 +299,9 @@ impl<'a> Builder<'a> {
         let built = &mut self.built;
         let grid = &self.grids[place.grid];
         let number = *self.shapes.entry(grid.size).or_insert_with(|| {
-            built.shapes.push(Shape::new(grid.size, built.keys > 1));
+            // What moves has a node in any case: it says where the block of each motion key is.
+            let blocks = grid.size.map(|n| n.div_ceil(CELLS as u16));
+            built.shapes.push(Shape::new(blocks, built.keys > 1));
             built.shapes.len() as u32 - 1
         });
         let shape = built.shapes[number as usize];

@@ -33,6 +33,7 @@ mod traverse;
 mod tree;
 
 use super::moment::Moment;
+use super::shape::{FAN, Shape};
 use super::simd::Isa;
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
@@ -40,7 +41,7 @@ use crate::surface::FaceGrid;
 use block::{CELLS, Head};
 use lattice::{Extent, Lattice};
 use traverse::Met;
-use tree::{FAN, Node, Shape};
+use tree::Node;
 
 /// How to compress.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

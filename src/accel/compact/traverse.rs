@@ -7,9 +7,10 @@
 
 use super::block::{Axis, CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
 use super::lattice::LatticeRay;
-use super::tree::{FAN, Node, Shape};
+use super::tree::Node;
 use super::{Compact, Face};
 use crate::accel::moment::Moment;
+use crate::accel::shape::{FAN, Shape};
 use crate::accel::simd::{Body, LANES, Lanes, NARROW};
 use crate::accel::triangle::{TriangleHit, origin_in};
 use crate::math::Ray;

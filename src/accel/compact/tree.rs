@@ -5,14 +5,8 @@
 //! bytes in a frame of the node's own, whose origin is on the lattice and whose unit is a power of two of lattice
 //! steps: decoding takes no rounding, and what encloses as integers encloses.
 
-use super::block::{CELLS, UNIT};
+use super::block::UNIT;
 use super::lattice::Extent;
-
-/// Children along a node's side.
-pub(super) const FAN: usize = 4;
-
-/// Levels of nodes: 4096 segments make 586 blocks, fewer than 4^5.
-const MOST_LEVELS: usize = 5;
 
 /// A node's children.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -92,75 +86,5 @@ impl Node {
         let halves = (pairs as u64).wrapping_add((pairs >> 64) as u64);
         let before = (halves.wrapping_mul(0x0001_0001_0001_0001) >> 48) as u32;
         (self.data + before) as usize * UNIT
-    }
-}
-
-/// The shape of a face's tree. All faces of one size share it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Shape {
-    /// Where each level of nodes starts; the root is first.
-    starts: [u32; MOST_LEVELS + 1],
-    /// How many nodes there are.
-    nodes: u32,
-    /// Columns and rows at each level.
-    sizes: [[u16; 2]; MOST_LEVELS + 1],
-    /// Levels of nodes; none where a single block that stays is all.
-    levels: u16,
-}
-
-impl Shape {
-    /// Over a grid of so many quads. What moves has a node in any case: it says where the block of each motion key is.
-    pub(super) fn new(cells: [u16; 2], moves: bool) -> Self {
-        let mut sizes = [[1; 2]; MOST_LEVELS + 1];
-        sizes[0] = cells.map(|n| n.div_ceil(CELLS as u16));
-        let mut levels = 0;
-        while sizes[levels] != [1; 2] || (moves && levels == 0) {
-            sizes[levels + 1] = sizes[levels].map(|n| n.div_ceil(FAN as u16));
-            levels += 1;
-        }
-        let mut starts = [0; MOST_LEVELS + 1];
-        let mut nodes = 0;
-        for level in (1..=levels).rev() {
-            starts[level] = nodes;
-            nodes += u32::from(sizes[level][0]) * u32::from(sizes[level][1]);
-        }
-        Self {
-            starts,
-            nodes,
-            sizes,
-            levels: levels as u16,
-        }
-    }
-
-    /// Levels of nodes; none where a single block that stays is all.
-    #[inline(always)]
-    pub(super) fn levels(&self) -> usize {
-        usize::from(self.levels)
-    }
-
-    /// How many nodes there are.
-    #[inline(always)]
-    pub(super) fn nodes(&self) -> usize {
-        self.nodes as usize
-    }
-
-    /// Columns and rows at a level.
-    #[inline(always)]
-    pub(super) fn size(&self, level: usize) -> [usize; 2] {
-        let [columns, rows] = self.sizes[level];
-        [usize::from(columns), usize::from(rows)]
-    }
-
-    /// The number of the node in column `i` of row `j` of a level above 0.
-    #[inline(always)]
-    pub(super) fn node(&self, level: usize, i: usize, j: usize) -> usize {
-        self.starts[level] as usize + j * usize::from(self.sizes[level][0]) + i
-    }
-
-    /// Columns and rows of children that a node has.
-    #[inline(always)]
-    pub(super) fn fan(&self, level: usize, i: usize, j: usize) -> [usize; 2] {
-        let [columns, rows] = self.size(level - 1);
-        [(columns - FAN * i).min(FAN), (rows - FAN * j).min(FAN)]
     }
 }

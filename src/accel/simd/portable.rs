@@ -1,6 +1,6 @@
 //! The sixteen lanes in plain Rust: what the others must agree with.
 
-use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS};
+use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 /// Needs nothing.
 #[derive(Clone, Copy)]
@@ -127,6 +127,14 @@ impl Lanes for Portable {
         let mut out = [0; LANES];
         for (i, out) in out.iter_mut().enumerate() {
             *out = ((all >> (i as u32 * width)) as u32 & fields.mask) as i32;
+        }
+        out
+    }
+    #[inline(always)]
+    fn pick(self, numbers: &Nibbles, table: Floats) -> Floats {
+        let mut out = [0.0; LANES];
+        for (lane, out) in out.iter_mut().enumerate() {
+            *out = table[usize::from(numbers.get(lane))];
         }
         out
     }

@@ -23,6 +23,7 @@ impl Body for All<'_> {
         let ints = lanes.mul_ints(fields, lanes.load_ints(&counts));
         let ints = lanes.shift_right::<6>(lanes.add_ints(ints, lanes.ints(-5)));
         let bytes: &[u8; LANES] = self.bytes[..LANES].try_into().expect("sixteen");
+        let nibbles = bytes.map(|byte| byte & 15);
         let floats = [
             lanes.add(a, b),
             lanes.sub(a, b),
@@ -34,6 +35,7 @@ impl Body for All<'_> {
             lanes.bytes(bytes),
             lanes.to_floats(ints),
             lanes.floats(self.a[3]),
+            lanes.pick(&Nibbles::new(nibbles), a),
             lanes.to_floats(lanes.narrow_fields(
                 self.bytes,
                 self.rows[0],
