@@ -97,11 +97,7 @@ impl World {
         let place = shape.place(hit, &ray.transformed(object_from_world));
         let point = shape.point(geometry, place, towards * hit.normal, ray.time);
         let largest = on_facet.abs().max(ray.origin.abs()).max_element();
-        // The hit's own error is in the object's space; no direction is stretched by more than the matrix's norm.
-        let matrix = &world_from_object.matrix3;
-        let columns = [matrix.x_axis, matrix.y_axis, matrix.z_axis];
-        let stretch = columns.map(|c| c.length_squared()).iter().sum::<f32>();
-        let error = RELATIVE_ERROR * largest.max(1e-6) + hit.error * stretch.sqrt();
+        let error = RELATIVE_ERROR * largest.max(1e-6) + hit.error * stretch(world_from_object);
         // A normal of unit length on the facet's side; none where it is degenerate, as at some poles.
         let unit_normal = |n: Vec3| {
             let n = normal_transformed(object_from_world, n).try_normalize()?;
@@ -170,6 +166,14 @@ impl World {
             params: resolved.params,
         }
     }
+}
+
+/// No vector gets longer by more than this: its square bounds the eigenvalues of the matrix's product with itself
+/// (Gershgorin). What only turns and scales it bounds exactly.
+fn stretch(map: &Affine3A) -> f32 {
+    let columns = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
+    let row = |a: &glam::Vec3A| columns.iter().map(|b| a.dot(*b).abs()).sum::<f32>();
+    columns.iter().map(row).fold(0.0, f32::max).sqrt()
 }
 
 /// Normals transform by the inverse transpose.

@@ -114,8 +114,8 @@ impl Compressed {
         );
         let leaf = boxes.leaf(met.column % FAN, met.row % FAN);
         let up = self.normal(face, met, &boxes);
-        // No farther from the surface than the boxes around are thick.
-        let error = up.abs().dot(leaf.extent());
+        // From the middle of the box to its sides along the normal.
+        let error = 0.5 * up.abs().dot(leaf.extent());
         let mut normal = face.frame.object_vector(up);
         if self.left_handed {
             normal = -normal;

@@ -192,9 +192,12 @@ fn boxes_are_hit_where_the_plain_tree_is() {
                 };
                 let (_, b) = tree.first_hit(&ray).expect("boxes enclose the triangles");
                 let point = surface.evaluate(b.face, b.uv, 0);
-                let up = point.normal.dot(b.normal);
+                assert!(
+                    ray.at(b.t).distance(point.position) < 0.2,
+                    "{shape} {kind}: {b:?}"
+                );
                 all += 1;
-                near += usize::from(ray.at(b.t).distance(point.position) < 0.1 && up > 0.5);
+                near += usize::from(point.normal.dot(b.normal) > 0.5);
                 // In front, or in the boxes that the triangle is in.
                 let length = ray.direction.length();
                 assert!(
@@ -202,8 +205,12 @@ fn boxes_are_hit_where_the_plain_tree_is() {
                     "{shape} {kind}: {a:?} {b:?}"
                 );
             }
-            // At creases and poles, and where heights are rough, boxes cannot tell the normal.
-            assert!(near * 5 >= all * 4, "{shape} {kind}: {near} of {all}");
+            // But at creases and poles. Where heights are rough, boxes cannot tell the normal.
+            let rough = kind.contains("image") || kind == "heights";
+            assert!(
+                rough || near * 10 >= all * 9,
+                "{shape} {kind}: {near} of {all}"
+            );
         }
     }
 }
