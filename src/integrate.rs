@@ -75,7 +75,7 @@ pub fn path(
     loop {
         // Meet the next thing, or leave the scene.
         let met = world.meet(&ray);
-        let interaction = match met {
+        let interaction = match &met {
             Met::Nothing => {
                 let from = last.map_or(ray.origin, |s| s.position);
                 for seen in world.lights.environment_parts(from, ray.direction) {
@@ -86,8 +86,8 @@ pub fn path(
             }
             Met::Light { area, hit } => {
                 let from = last.map_or(ray.origin, |s| s.position);
-                let (radiance, pdf) = world.lights.emitted(area, from, &hit, ray.direction);
-                let share = share(last, world, world.lights.light_of(area));
+                let (radiance, pdf) = world.lights.emitted(*area, from, hit, ray.direction);
+                let share = share(last, world, world.lights.light_of(*area));
                 out.radiance += throughput * radiance * share * weight(last, pdf);
                 if scattered == 0 {
                     out.alpha = 1.0;
@@ -122,7 +122,7 @@ pub fn path(
         let view = bsdf.seen_from(wo);
         if out.first.is_none() {
             out.alpha = 1.0;
-            out.albedo = view.map_or(Vec3::ZERO, |view| view.albedo());
+            out.albedo = view.as_ref().map_or(Vec3::ZERO, View::albedo);
             out.normal = interaction.shading_normal;
             out.first = Some(FirstHit {
                 position: interaction.position,
@@ -131,13 +131,16 @@ pub fn path(
             });
         }
         out.radiance += throughput * interaction.emission;
-        let Some(view) = view.filter(|_| scattered < options.max_bounces) else {
+        let Some(view) = &view else {
             return out;
         };
+        if scattered >= options.max_bounces {
+            return out;
+        }
 
         // Light that comes straight from a light.
         let lights = sampler.set(1 + 2 * scattered);
-        out.radiance += throughput * direct(world, &interaction, &view, ray.time, lights, rays);
+        out.radiance += throughput * direct(world, interaction, view, ray.time, lights, rays);
 
         // Light that comes any other way.
         let [u0, u1, u2, roulette] = sampler.set(2 + 2 * scattered);
@@ -145,7 +148,7 @@ pub fn path(
             return out;
         };
         let specular = if world.lights_are_split {
-            specular_share(&view, sample.wi)
+            specular_share(view, sample.wi)
         } else {
             0.0
         };

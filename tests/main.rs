@@ -20,6 +20,7 @@ mod lights;
 mod manners;
 mod methods;
 mod pictures;
+mod report;
 mod scenes;
 mod smooth;
 mod subdiv_oracle;

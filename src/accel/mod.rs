@@ -1,13 +1,15 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
+mod boxes;
 mod compact;
 mod compressed;
+mod lattice;
 mod moment;
-mod shape;
 mod simd;
 mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
+mod top;
 mod triangle;
 mod trimmed;
 

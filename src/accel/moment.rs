@@ -1,5 +1,6 @@
 //! Between motion keys.
 
+use super::simd::Lanes;
 use crate::math::Vec3;
 
 /// A time between two motion keys.
@@ -12,13 +13,20 @@ pub(super) struct Moment {
 impl Moment {
     #[inline]
     pub(super) fn new(keys: u32, time: f32) -> Self {
+        if keys == 1 {
+            return Self {
+                from: 0,
+                to: 0,
+                weights: [1.0, 0.0],
+            };
+        }
         let last = keys as usize - 1;
         let at = time.clamp(0.0, 1.0) * last as f32;
-        let from = (at as usize).min(last.saturating_sub(1));
+        let from = (at as usize).min(last - 1);
         let fraction = at - from as f32;
         Self {
             from,
-            to: (from + 1).min(last),
+            to: from + 1,
             weights: [1.0 - fraction, fraction],
         }
     }
@@ -31,5 +39,20 @@ impl Moment {
         } else {
             self.weights[0] * a + self.weights[1] * b
         }
+    }
+
+    /// [`Self::between`] lane by lane.
+    #[inline(always)]
+    pub(super) fn between_lanes<L: Lanes>(
+        &self,
+        lanes: L,
+        a: L::Floats,
+        b: L::Floats,
+    ) -> L::Floats {
+        let [from, to] = self.weights;
+        lanes.add(
+            lanes.mul(a, lanes.floats(from)),
+            lanes.mul(b, lanes.floats(to)),
+        )
     }
 }

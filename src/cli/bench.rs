@@ -1,57 +1,102 @@
 //! `relievo bench`.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use relievo::Result;
-use relievo::compare::bench;
-use serde_json::json;
+use relievo::compare::{BenchOptions, Measured, bench, check_report, report_json, write_report};
 
 use super::compare::Compare;
 
 /// Measure all ways of tracing on one set of rays: memory, building, millions of rays a second.
 #[derive(Debug, Args)]
 pub(crate) struct Bench {
+    /// Scenes: .usd, .usda, .usdc, .usdz or .obj.
+    #[arg(required = true, value_name = "SCENE")]
+    scenes: Vec<PathBuf>,
     #[command(flatten)]
     compare: Compare,
+    /// Print JSON instead of a table: one object, or an array of them for several scenes.
+    #[arg(long)]
+    json: bool,
     /// Primary rays, about.
     #[arg(long, default_value_t = 250_000, value_parser = clap::value_parser!(u64).range(1..=1 << 26))]
     rays: u64,
+    /// Draw memory, error and speed of all methods on a page, too. The figures go beside it, ending in .json.
+    ///
+    /// The page is one file of HTML. The file beside it is what `--json` prints. For the error, distances to finely
+    /// diced surfaces are measured as by `relievo verify`.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
 }
 
 impl Bench {
     pub(crate) fn run(self) -> Result<()> {
-        let scene = self.compare.load()?;
-        let bench = bench(&scene, &self.compare.options(self.rays))?;
-        self.compare.warn(&bench.warnings);
-        if self.compare.json {
-            let report = json!({
-                "scene": self.compare.scene, "machine": bench.machine, "rows": bench.rows,
-            });
-            return super::print(format!("{report}\n").as_bytes());
+        // What is wrong is said before anything is measured.
+        if let Some(path) = &self.report {
+            check_report(path)?;
         }
-        let machine = &bench.machine;
-        let mut text = format!(
-            "{}, {} threads, Embree {}\n{:20} {:>10} {:>8} {:>8}  Mrays/s by threads, and as a ratio to embree-triangles\n",
-            machine.processor,
-            machine.threads,
-            machine.embree,
-            "method",
-            "triangles",
-            "bytes/t",
-            "build s"
-        );
-        for row in &bench.rows {
-            text += &format!(
-                "{:20} {:>10} {:>8.1} {:>8.3} ",
-                row.method, row.micro_triangles, row.bytes_per_micro_triangle, row.build_seconds
-            );
-            for (kind, by_threads) in &row.mrays {
-                for (threads, speed) in by_threads {
-                    let ratio = row.ratio[kind][threads];
-                    text += &format!(" {kind} {threads}: {speed:.2} ({ratio:.2})");
+        let scenes = self
+            .scenes
+            .iter()
+            .map(|path| Ok((path, self.compare.load(path)?)))
+            .collect::<Result<Vec<_>>>()?;
+        let options = BenchOptions {
+            compare: self.compare.options(self.rays),
+            distances: self.report.is_some(),
+        };
+        let mut all = Vec::with_capacity(scenes.len());
+        for (path, scene) in scenes {
+            let measured = Measured {
+                scene: path.display().to_string(),
+                bench: bench(&scene, &options)?,
+            };
+            self.compare.warn(&measured.bench.warnings);
+            if !self.json {
+                if self.scenes.len() > 1 {
+                    super::print(format!("{}\n", measured.scene).as_bytes())?;
                 }
+                super::print(table(&measured.bench).as_bytes())?;
             }
-            text.push('\n');
+            all.push(measured);
         }
-        super::print(text.as_bytes())
+        if let Some(path) = &self.report {
+            write_report(path, &all)?;
+        }
+        if self.json {
+            super::print(report_json(&all).as_bytes())?;
+        }
+        Ok(())
     }
+}
+
+fn table(bench: &relievo::compare::Bench) -> String {
+    let machine = &bench.machine;
+    let mut text = format!(
+        "{}, {} threads, Embree {}\n{:20} {:>10} {:>8} {:>8}  Mrays/s by threads, and as a ratio to embree-triangles\n",
+        machine.processor,
+        machine.threads,
+        machine.embree,
+        "method",
+        "triangles",
+        "bytes/t",
+        "build s"
+    );
+    for row in &bench.rows {
+        text += &format!(
+            "{:20} {:>10} {:>8.1} {:>8.3} ",
+            row.method, row.micro_triangles, row.bytes_per_micro_triangle, row.build_seconds
+        );
+        for (kind, by_threads) in &row.mrays {
+            for (threads, speed) in by_threads {
+                let ratio = row.ratio[kind][threads];
+                text += &format!(" {kind} {threads}: {speed:.2} ({ratio:.2})");
+            }
+        }
+        if let (Some(rms), Some(max)) = (row.rms_distance, row.max_distance) {
+            text += &format!("  distance rms: {rms:.2e} max: {max:.2e}");
+        }
+        text.push('\n');
+    }
+    text
 }

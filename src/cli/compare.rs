@@ -1,6 +1,6 @@
 //! What `relievo verify` and `relievo bench` are both told.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use clap::Args;
 use relievo::compare::{CompareOptions, Fineness};
@@ -13,11 +13,6 @@ use super::method::MethodArgument;
 
 #[derive(Debug, Args)]
 pub(super) struct Compare {
-    /// Scene: .usd, .usda, .usdc, .usdz or .obj.
-    pub(super) scene: PathBuf,
-    /// Print one JSON object instead of a table.
-    #[arg(long)]
-    pub(super) json: bool,
     /// Methods, with commas between [default: all]
     #[arg(long, value_enum, value_delimiter = ',')]
     methods: Vec<MethodArgument>,
@@ -30,7 +25,7 @@ pub(super) struct Compare {
 }
 
 impl Compare {
-    pub(super) fn load(&self) -> Result<Description> {
+    pub(super) fn load(&self, path: &Path) -> Result<Description> {
         if self
             .dicing_rate
             .is_some_and(|rate| !(rate > 0.0 && rate.is_finite()))
@@ -40,7 +35,7 @@ impl Compare {
                 "give the length of a micro-edge in pixels, as 1",
             ));
         }
-        let scene = scene::load(&self.scene, &LoadOptions::default())?;
+        let scene = scene::load(path, &LoadOptions::default())?;
         self.warn(&scene.warnings);
         Ok(scene)
     }

@@ -12,7 +12,8 @@ use relievo::render::{
 };
 use relievo::scene::{LoadOptions, MissingLayers, Purpose};
 use relievo::shade::filter::{Filter, FilterKind};
-use relievo::world::{BuildOptions, Dicing};
+use relievo::surface::{Dicing, MOST_SEGMENTS};
+use relievo::world::BuildOptions;
 use relievo::{Error, Result};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
@@ -81,6 +82,15 @@ pub(crate) struct Render {
         help_heading = "Quality"
     )]
     dicing_rate: f32,
+    /// The most micro-edges that an edge is cut into, 1 to 4096: what keeps an edge that comes close to the camera from
+    /// taking all memory.
+    #[arg(
+        long,
+        default_value_t = 128,
+        value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SEGMENTS)),
+        help_heading = "Quality"
+    )]
+    max_segments: u32,
     /// Chooses the random numbers: another seed, another noise.
     #[arg(long, default_value_t = 0, help_heading = "Quality")]
     seed: u32,
@@ -356,6 +366,7 @@ impl Render {
                 method: self.method.0,
                 dicing: Dicing {
                     rate: self.dicing_rate,
+                    max_segments: self.max_segments,
                     ..Dicing::default()
                 },
                 clay: self.clay,

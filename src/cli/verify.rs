@@ -1,5 +1,7 @@
 //! `relievo verify`.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use relievo::Result;
 use relievo::compare::verify;
@@ -12,8 +14,13 @@ use super::compare::Compare;
 /// Distances are in diagonals of each mesh's box. Leaks are rays that leave a closed mesh from within.
 #[derive(Debug, Args)]
 pub(crate) struct Verify {
+    /// Scene: .usd, .usda, .usdc, .usdz or .obj.
+    scene: PathBuf,
     #[command(flatten)]
     compare: Compare,
+    /// Print one JSON object instead of a table.
+    #[arg(long)]
+    json: bool,
     /// Rays for each mesh.
     #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..))]
     rays: u64,
@@ -21,11 +28,11 @@ pub(crate) struct Verify {
 
 impl Verify {
     pub(crate) fn run(self) -> Result<()> {
-        let scene = self.compare.load()?;
+        let scene = self.compare.load(&self.scene)?;
         let verified = verify(&scene, &self.compare.options(self.rays))?;
         self.compare.warn(&verified.warnings);
-        if self.compare.json {
-            let report = json!({"scene": self.compare.scene, "rows": verified.rows});
+        if self.json {
+            let report = json!({"scene": self.scene, "rows": verified.rows});
             return super::print(format!("{report}\n").as_bytes());
         }
         let mut text = format!(

@@ -3,8 +3,14 @@
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
 //! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
 //! scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
-//! scene. The hits are those of `embree-triangles`, for all methods; but the rays that leave from there start as far off as
-//! the method with the largest [error](crate::trace::SceneHit::error) there would let them: none of them has to meet what it starts from.
+//! scene. The hits are those of `embree-triangles`, for all methods; but the rays that leave from there start as far off
+//! as the method with the largest [error](crate::trace::SceneHit::error) there would let them: none of them has to meet
+//! what it starts from.
+//!
+//! Distances are measured as [`verify()`](super::verify()) does, to the same surfaces diced four times as finely, or less
+//! where that would take too much memory. Such references are held as grids: those are the same micro-triangles, in a
+//! sixth of the memory. Most of these distances is what micro-triangles are off the smooth surface; what a method adds
+//! to that shows in the distances to `embree-triangles`, diced alike.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -14,7 +20,8 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, prepare, together};
+use super::traced::{Prepared, Traced, prepare, together};
+use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::camera;
@@ -32,15 +39,47 @@ const ENOUGH_SECONDS: f64 = 0.5;
 /// Part of their time for which threads should have had processors.
 const ENOUGH_SHARE: f64 = 0.85;
 
-/// What was measured.
+/// How many times as fine references are along an edge: the first of these that is not too large.
+const FINER: [u32; 3] = [4, 3, 2];
+
+/// Micro-triangles of one surface's reference at most. They take 4 GB while they are built.
+const MOST_IN_REFERENCE: u64 = 1 << 27;
+
+/// What measuring is told.
 #[derive(Debug, Clone)]
+pub struct BenchOptions {
+    /// What and how finely; primary rays, about.
+    pub compare: CompareOptions,
+    /// Whether to measure distances to finely diced surfaces, too. It takes a while.
+    pub distances: bool,
+}
+
+/// What was measured.
+#[derive(Debug, Clone, Serialize)]
 pub struct Bench {
     /// Where.
     pub machine: Machine,
+    /// When, as `2026-01-31T12:00:00Z`.
+    pub date: String,
+    /// How many rays of each kind.
+    pub rays: BTreeMap<&'static str, u64>,
+    /// What distances were measured to, if they were.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<Reference>,
     /// Each method.
     pub rows: Vec<BenchRow>,
     /// What could not be measured.
+    #[serde(skip)]
     pub warnings: Warnings,
+}
+
+/// The surfaces that distances are measured to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Reference {
+    /// How many times as fine, along an edge.
+    pub finer: u32,
+    /// Rays of each method.
+    pub rays: u64,
 }
 
 /// The machine that it was measured on.
@@ -52,6 +91,8 @@ pub struct Machine {
     pub threads: usize,
     /// Embree's version.
     pub embree: String,
+    /// This program's version.
+    pub relievo: &'static str,
 }
 
 /// By kind of ray, then by number of threads.
@@ -74,13 +115,30 @@ pub struct BenchRow {
     pub mrays: BySpeed,
     /// That over the same of `embree-triangles`.
     pub ratio: BySpeed,
+    /// The root of the mean squared distance to the reference, in diagonals of each mesh's box, if it was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rms_distance: Option<f64>,
+    /// The largest distance, likewise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_distance: Option<f64>,
+    /// The root of the mean squared distance to `embree-triangles` diced alike, likewise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rms_to_triangles: Option<f64>,
+    /// The largest distance to these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_to_triangles: Option<f64>,
 }
 
 struct Entry {
     method: Method,
+    /// Each surface alone.
+    traced: Vec<Traced>,
+    /// All together.
     scene: Scene,
     bytes: u64,
     builds: Vec<f64>,
+    /// What rays to the reference and to triangles diced alike found.
+    found: Option<[Found; 2]>,
     /// By kind of ray and number of threads.
     speeds: BTreeMap<(&'static str, usize), Vec<f64>>,
 }
@@ -133,7 +191,9 @@ impl Pool {
 ///
 /// # Errors
 /// If the scene cannot be built, or there is nothing in it to see.
-pub fn bench(description: &Description, options: &CompareOptions) -> Result<Bench> {
+pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench> {
+    let distances = options.distances;
+    let options = &options.compare;
     let mut warnings = Warnings::default();
     let all = objects(description, &mut warnings)?;
     let side = (options.rays.max(1) as f64).sqrt().ceil() as u32;
@@ -152,18 +212,10 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
                 continue;
             }
             match build(method, &prepared) {
-                Ok((scene, bytes, seconds)) => {
-                    match entries.iter_mut().find(|e| e.method == method) {
-                        Some(entry) => entry.builds.push(seconds),
-                        None => entries.push(Entry {
-                            method,
-                            scene,
-                            bytes,
-                            builds: vec![seconds],
-                            speeds: BTreeMap::new(),
-                        }),
-                    }
-                }
+                Ok(entry) => match entries.iter_mut().find(|e| e.method == method) {
+                    Some(earlier) => earlier.builds.extend(entry.builds),
+                    None => entries.push(entry),
+                },
                 Err(Error::Input(fault)) if method == Method::EmbreeSubdivision => {
                     warnings.add("not in Embree", || {
                         format!("Embree's subdivision is left out: {fault}")
@@ -202,6 +254,11 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
     for pool in &pools {
         pool.report(&mut warnings);
     }
+    let reference = if distances {
+        measure_distances(&prepared, &mut entries, twin, options.rays, &mut warnings)?
+    } else {
+        None
+    };
     let medians = |entry: &Entry| -> BySpeed {
         let mut all = BySpeed::new();
         for ((kind, count), speeds) in &entry.speeds {
@@ -231,18 +288,29 @@ pub fn bench(description: &Description, options: &CompareOptions) -> Result<Benc
                 build_seconds: median(&entry.builds),
                 mrays,
                 ratio,
+                rms_distance: entry.found.map(|[fine, _]| fine.rms()),
+                max_distance: entry.found.map(|[fine, _]| fine.max),
+                rms_to_triangles: entry.found.map(|[_, alike]| alike.rms()),
+                max_to_triangles: entry.found.map(|[_, alike]| alike.max),
             }
         })
         .collect();
     Ok(Bench {
         machine: machine(threads)?,
+        date: jiff::Timestamp::now()
+            .strftime("%Y-%m-%dT%H:%M:%SZ")
+            .to_string(),
+        rays: (kinds.iter())
+            .map(|(kind, rays)| (*kind, rays.len() as u64))
+            .collect(),
+        reference,
         rows,
         warnings,
     })
 }
 
-/// The scene, the bytes that it takes, and the seconds that it took.
-fn build(method: Method, prepared: &[Prepared]) -> Result<(Scene, u64, f64)> {
+/// Builds all surfaces and their scene, and measures bytes and seconds.
+fn build(method: Method, prepared: &[Prepared]) -> Result<Entry> {
     let device = Device::new(&DeviceOptions::default())?;
     let before = device.memory();
     let start = Instant::now();
@@ -254,11 +322,59 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<(Scene, u64, f64)> {
         .iter()
         .map(|p| p.object.world_from_object.as_slice())
         .collect();
-    let scene = together(&traced, &places, &device)?;
+    let scene = together(method, &traced, &places, &device)?;
     let seconds = start.elapsed().as_secs_f64();
     let own: usize = traced.iter().map(|t| t.bytes).sum();
     let bytes = own + device.memory().saturating_sub(before);
-    Ok((scene, bytes as u64, seconds))
+    Ok(Entry {
+        method,
+        traced,
+        scene,
+        bytes: bytes as u64,
+        builds: vec![seconds],
+        found: None,
+        speeds: BTreeMap::new(),
+    })
+}
+
+/// How far each method's surfaces are from the same diced more finely, and from those of the twin, diced alike.
+/// References are built one after the other.
+fn measure_distances(
+    prepared: &[Prepared],
+    entries: &mut [Entry],
+    twin: usize,
+    rays: u64,
+    warnings: &mut Warnings,
+) -> Result<Option<Reference>> {
+    let largest = (prepared.iter().map(|p| p.rates.micro_triangles())).max();
+    let fits = |finer: &u32| {
+        largest.unwrap_or(0) * u64::from(*finer) * u64::from(*finer) <= MOST_IN_REFERENCE
+    };
+    let Some(finer) = FINER.into_iter().find(fits) else {
+        warnings.add("no reference", || {
+            "distances are not measured: more finely diced, a surface would have too many micro-triangles"
+                .to_owned()
+        });
+        return Ok(None);
+    };
+    let each = rays.div_ceil(prepared.len().max(1) as u64);
+    for (i, prepared) in prepared.iter().enumerate() {
+        let device = Device::new(&DeviceOptions::default())?;
+        let fine = prepared.build(Method::EmbreeGrid, &prepared.finer(finer), &device)?;
+        for e in 0..entries.len() {
+            let traced = &entries[e].traced[i];
+            let found = [&fine, &entries[twin].traced[i]]
+                .map(|reference| compare(prepared, traced, reference, each));
+            if found.iter().all(|found| found.measured > 0) {
+                let [fine, alike] = entries[e].found.unwrap_or_default();
+                entries[e].found = Some([fine.and(found[0]), alike.and(found[1])]);
+            }
+        }
+    }
+    Ok(Some(Reference {
+        finer,
+        rays: each * prepared.len() as u64,
+    }))
 }
 
 /// The three kinds of rays: by the hits in `scene`, clear of the surfaces of `all`.
@@ -354,5 +470,6 @@ fn machine(threads: usize) -> Result<Machine> {
         processor: name.to_owned(),
         threads,
         embree: Device::new(&DeviceOptions::default())?.version(),
+        relievo: env!("CARGO_PKG_VERSION"),
     })
 }

@@ -1,12 +1,14 @@
 //! Ways of tracing one surface, set against each other: whether they see the same ([`verify()`]), and how fast and how
-//! large they are ([`bench()`]).
+//! large they are ([`bench()`]), which [`write_report()`] draws.
 
 mod bench;
 mod random;
+mod report;
 mod traced;
 mod verify;
 
-pub use bench::{Bench, BenchRow, BySpeed, Machine, bench};
+pub use bench::{Bench, BenchOptions, BenchRow, BySpeed, Machine, Reference, bench};
+pub use report::{Measured, check_report, report_json, write_report};
 pub use verify::{Verified, VerifyRow, verify};
 
 use crate::world::Method;

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::math::{Affine3A, Ray, Vec2, Vec3};
 use crate::shade::camera::Camera;
 use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
-use crate::trace::{Device, Scene, SceneBuilder, SceneHit, SceneOptions, face_uv, sub_face_of};
+use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv, sub_face_of};
 use crate::world::{HitPlaces, Method, Object};
 
 /// An object of the scene at the fineness asked for.
@@ -71,11 +71,7 @@ impl Prepared {
             (built.geometry, Numbering::Ours(built.places), built.bytes)
         };
         bytes += geometry.memory();
-        let options = SceneOptions {
-            robust: true,
-            compact: false,
-        };
-        let mut builder = SceneBuilder::new(device, options)?;
+        let mut builder = SceneBuilder::new(device, method.scene_options())?;
         builder.attach(geometry);
         Ok(Traced {
             scene: Arc::new(builder.commit(&|_| true)?),
@@ -153,6 +149,22 @@ impl Traced {
         }
     }
 
+    /// The point of the micro-triangle at a place, if it is known which that is.
+    pub(super) fn flat(&self, (face, uv): (u32, Vec2)) -> Option<Vec3> {
+        let Numbering::Ours(HitPlaces::Triangles(grids) | HitPlaces::Grids(grids)) =
+            &self.numbering
+        else {
+            return None;
+        };
+        let grid = grids.of_face(face)?;
+        let (triangle, weights) = grid.triangle_at(uv)?;
+        let [a, b, c] = grid.corners(triangle).map(|(i, j)| {
+            let point = self.surface.evaluate(face, grid.vertex_uv(i, j), 0);
+            point.position
+        });
+        Some(a + weights.x * (b - a) + weights.y * (c - a))
+    }
+
     /// The distance to the nearest point along a line, either way, and the hit there.
     pub(super) fn probe(&self, p: Vec3, along: Vec3) -> Option<(f32, SceneHit)> {
         let probes = [along, -along].map(|d| self.scene.intersect(&Ray::new(p, d, 0.0)));
@@ -164,17 +176,14 @@ impl Traced {
     }
 }
 
-/// Several meshes, each where it stands, in one scene.
+/// Several meshes built for a method, each where it stands, in one scene.
 pub(super) fn together(
+    method: Method,
     traced: &[Traced],
     places: &[&[Affine3A]],
     device: &Device,
 ) -> Result<Scene> {
-    let options = SceneOptions {
-        robust: true,
-        compact: false,
-    };
-    let mut builder = SceneBuilder::new(device, options)?;
+    let mut builder = SceneBuilder::new(device, method.scene_options())?;
     for (traced, places) in traced.iter().zip(places) {
         for place in *places {
             builder.instance(traced.scene.clone(), &[*place])?;

@@ -1,9 +1,10 @@
 //! Whether all methods see the same surface.
 //!
 //! Rays come from a sphere around each mesh and aim into its box. Where a ray meets the method's surface, the distance
-//! to the reference is the least of three, each of them as long as the true one or longer: along the ray, which tells of
+//! to the reference is the least of four, each of them as long as the true one or longer: along the ray, which tells of
 //! its own slope where it grazes; along the method's normal, which may miss the sheet that is meant and meet another;
-//! and to the reference's point of the same face and parameters, which may have slid along the surface. Normals are
+//! and to the reference's points of the same face and parameters, of its smooth surface and of its micro-triangles,
+//! which may have slid along the surface. Normals are
 //! those of the smooth surfaces, compared where the method's normal meets the reference or, where that faces away, at the
 //! same face and parameters, if either is close by. Leaks are rays that leave a closed mesh from within: from halfway
 //! between the points where a ray enters and leaves it.
@@ -65,19 +66,26 @@ pub struct VerifyRow {
 
 /// What rays found, in sums.
 #[derive(Debug, Clone, Copy, Default)]
-struct Found {
+pub(super) struct Found {
     rays: u64,
     only_method: u64,
     only_reference: u64,
-    measured: u64,
-    max: f64,
+    /// Rays that met both.
+    pub(super) measured: u64,
+    /// The largest distance.
+    pub(super) max: f64,
     squares: f64,
     degrees: f64,
     leaks: u64,
 }
 
 impl Found {
-    fn and(self, other: Self) -> Self {
+    /// The root of the mean squared distance.
+    pub(super) fn rms(&self) -> f64 {
+        (self.squares / self.measured.max(1) as f64).sqrt()
+    }
+
+    pub(super) fn and(self, other: Self) -> Self {
         Self {
             rays: self.rays + other.rays,
             only_method: self.only_method + other.only_method,
@@ -145,7 +153,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
         only_method: found.only_method,
         only_reference: found.only_reference,
         max_distance: found.max,
-        rms_distance: (found.squares / found.measured.max(1) as f64).sqrt(),
+        rms_distance: found.rms(),
         max_normal_degrees: found.degrees,
         leaks: found.leaks,
     };
@@ -188,7 +196,13 @@ fn ray(prepared: &Prepared, random: &mut Random) -> Ray {
 /// Rays whose findings are summed up at once: sums are the same for any number of threads.
 const TOGETHER: u64 = 1024;
 
-fn compare(prepared: &Prepared, traced: &Traced, reference: &Traced, rays: u64) -> Found {
+/// Sends rays to both.
+pub(super) fn compare(
+    prepared: &Prepared,
+    traced: &Traced,
+    reference: &Traced,
+    rays: u64,
+) -> Found {
     let sums: Vec<Found> = (0..rays.div_ceil(TOGETHER))
         .into_par_iter()
         .map(|chunk| {
@@ -224,6 +238,7 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
         Some((hit.t - other.t).abs()),
         probe.map(|(d, _)| d),
         Some(same.position.distance(p)),
+        reference.flat(place).map(|q| q.distance(p)),
     ];
     // Where a point is not a number, it is not the least either.
     let least = distances.into_iter().flatten().fold(f32::MAX, f32::min);

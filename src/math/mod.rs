@@ -2,10 +2,12 @@
 //! destination-from-source (`world_from_object`).
 
 mod bounds;
+mod disk;
 mod frame;
 mod ray;
 
 pub use bounds::Bounds3;
+pub use disk::concentric_disk;
 pub use frame::Frame;
 pub use glam::{Affine2, Affine3A, DAffine3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
 pub use ray::Ray;

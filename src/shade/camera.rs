@@ -10,7 +10,7 @@
 mod view;
 
 use crate::error::{Fault, Result};
-use crate::math::{DAffine3, DMat4, DVec3, Ray, Vec2, Vec3};
+use crate::math::{DAffine3, DMat4, DVec3, Ray, Vec2, Vec3, concentric_disk};
 use crate::scene::{self, AspectRatioConform, Projection};
 
 use glam::{DMat3, DQuat};
@@ -40,6 +40,8 @@ pub struct Camera {
     motion: Motion,
     /// Lower left and upper right of the film: scene units (orthographic), or at depth 1 (perspective).
     window: [Vec2; 2],
+    /// From a pixel's left to its right and from its top to its bottom, likewise.
+    per_pixel: Vec2,
     near: f32,
     far: f32,
     /// Radius in scene units, and the depth that is sharp.
@@ -82,6 +84,10 @@ impl Camera {
             pixel_aspect,
             motion,
             window,
+            per_pixel: {
+                let [width, height] = options.resolution.map(|n| n as f32);
+                (window[1] - window[0]) / Vec2::new(width, -height)
+            },
             near: camera.clipping_range.x,
             far: camera.clipping_range.y,
             lens: blurs.then(|| {
@@ -99,9 +105,7 @@ impl Camera {
     #[inline]
     pub fn ray(&self, film: Vec2, lens: [f32; 2], time: f32) -> Ray {
         let [low, high] = self.window;
-        let x = film.x / self.resolution[0] as f32;
-        let y = 1.0 - film.y / self.resolution[1] as f32;
-        let on_film = Vec2::new(low.x + x * (high.x - low.x), low.y + y * (high.y - low.y));
+        let on_film = Vec2::new(low.x, high.y) + film * self.per_pixel;
         // In camera space with a direction of depth 1, so that t is the depth.
         let (origin, direction, near, far) = match self.projection {
             Projection::Perspective => {
@@ -136,7 +140,7 @@ impl Camera {
         let length = direction.length();
         Ray {
             origin: origin.as_vec3(),
-            direction: (direction / length).as_vec3(),
+            direction: (direction * length.recip()).as_vec3(),
             t_min: near * length as f32,
             t_max: far * length as f32,
             time,
@@ -326,22 +330,6 @@ fn conformed(aperture: Vec2, options: &CameraOptions) -> (Vec2, f32) {
     (fitted, options.pixel_aspect)
 }
 
-/// Even on the unit disk, and near in the square is near on the disk. Shirley and Chiu, "A Low Distortion Map
-/// Between Disk and Square" (1997).
-pub fn concentric_disk(u: [f32; 2]) -> Vec2 {
-    use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
-    let [a, b] = u.map(|u| 2.0 * u - 1.0);
-    if a == 0.0 && b == 0.0 {
-        return Vec2::ZERO;
-    }
-    let (radius, angle) = if a.abs() > b.abs() {
-        (a, FRAC_PI_4 * b / a)
-    } else {
-        (b, FRAC_PI_2 - FRAC_PI_4 * a / b)
-    };
-    radius * Vec2::new(angle.cos(), angle.sin())
-}
-
 #[derive(Debug, Clone)]
 enum Motion {
     Still(DAffine3),
@@ -384,18 +372,21 @@ impl Motion {
 
     #[inline]
     fn at(&self, time: f32) -> DAffine3 {
-        let keys = match self {
-            Self::Still(transform) => return *transform,
-            Self::Keys(keys) => keys,
-        };
-        let at = f64::from(time.clamp(0.0, 1.0)) * (keys.len() - 1) as f64;
-        let i = (at as usize).min(keys.len() - 2);
-        let (a, b, t) = (&keys[i], &keys[i + 1], at - i as f64);
-        DAffine3 {
-            matrix3: DMat3::from_quat(a.rotation.slerp(b.rotation, t))
-                * (a.rest * (1.0 - t) + b.rest * t),
-            translation: a.translation.lerp(b.translation, t),
+        match self {
+            Self::Still(transform) => *transform,
+            Self::Keys(keys) => between(keys, time),
         }
+    }
+}
+
+fn between(keys: &[Key], time: f32) -> DAffine3 {
+    let at = f64::from(time.clamp(0.0, 1.0)) * (keys.len() - 1) as f64;
+    let i = (at as usize).min(keys.len() - 2);
+    let (a, b, t) = (&keys[i], &keys[i + 1], at - i as f64);
+    DAffine3 {
+        matrix3: DMat3::from_quat(a.rotation.slerp(b.rotation, t))
+            * (a.rest * (1.0 - t) + b.rest * t),
+        translation: a.translation.lerp(b.translation, t),
     }
 }
 

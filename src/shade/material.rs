@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use super::bsdf::SurfaceParams;
-use super::texture_map::{Lookup, Output, Placed, Primvars};
+use super::texture_map::{Lookup, Output, Placed, Primvars, Read, number};
 use crate::math::Vec3;
 use crate::scene::{self, Input, PreviewSurface, TextureMap};
 
@@ -30,6 +30,8 @@ pub struct Resolved {
 pub struct Material {
     inputs: Inputs,
     texels: Vec<Placed>,
+    /// Of its texels and inputs.
+    reads: Vec<Read>,
     /// What it resolves to everywhere, if nothing varies.
     constant: Option<Resolved>,
 }
@@ -59,7 +61,8 @@ enum Source {
     /// Number of the texel, and what to take of it.
     Texel(usize, Output),
     Primvar {
-        name: String,
+        /// Number of the read.
+        read: usize,
         components: usize,
         fallback: Vec3,
     },
@@ -76,6 +79,7 @@ impl Material {
     pub fn clay(albedo: Vec3, displacement_of: Option<&Self>) -> Self {
         let mut clay = Self::prepared(&diffuse(Input::Value(albedo)), &[], true);
         if let Some(other) = displacement_of {
+            clay.reads.clone_from(&other.reads);
             clay.inputs.displacement = match &other.inputs.displacement {
                 Source::Texel(number, output) => {
                     clay.texels.push(other.texels[*number].clone());
@@ -104,35 +108,31 @@ impl Material {
     }
 
     fn prepared(surface: &PreviewSurface, textures: &[Arc<dyn Lookup>], lambert: bool) -> Self {
-        let mut texels = Vec::new();
-        let mut color = |input: &Input<Vec3>| source(input, 3, |&v| v, textures, &mut texels);
-        let diffuse_color = color(&surface.diffuse_color);
-        let emissive_color = color(&surface.emissive_color);
-        let specular_color = color(&surface.specular_color);
-        let mut number =
-            |input: &Input<f32>| source(input, 1, |&x| Vec3::splat(x), textures, &mut texels);
+        let mut sources = Sources {
+            textures,
+            texels: Vec::new(),
+            reads: Vec::new(),
+        };
         let inputs = Inputs {
             lambert,
             specular_workflow: surface.use_specular_workflow,
             opacity_threshold: surface.opacity_threshold,
-            diffuse_color,
-            emissive_color,
-            specular_color,
-            metallic: number(&surface.metallic),
-            roughness: number(&surface.roughness),
-            clearcoat: number(&surface.clearcoat),
-            clearcoat_roughness: number(&surface.clearcoat_roughness),
-            opacity: number(&surface.opacity),
-            ior: number(&surface.ior),
-            displacement: number(&surface.displacement),
-            normal: surface
-                .normal
-                .as_ref()
-                .map(|map| texel(map, textures, &mut texels)),
+            diffuse_color: sources.color(&surface.diffuse_color),
+            emissive_color: sources.color(&surface.emissive_color),
+            specular_color: sources.color(&surface.specular_color),
+            metallic: sources.number(&surface.metallic),
+            roughness: sources.number(&surface.roughness),
+            clearcoat: sources.number(&surface.clearcoat),
+            clearcoat_roughness: sources.number(&surface.clearcoat_roughness),
+            opacity: sources.number(&surface.opacity),
+            ior: sources.number(&surface.ior),
+            displacement: sources.number(&surface.displacement),
+            normal: surface.normal.as_ref().map(|map| sources.texel(map)),
         };
         let mut material = Self {
             inputs,
-            texels,
+            texels: sources.texels,
+            reads: sources.reads,
             constant: None,
         };
         if material.shading_sources().all(Source::is_constant) {
@@ -201,6 +201,11 @@ impl Material {
         if x.is_finite() { x } else { 0.0 }
     }
 
+    /// What it reads: [`Primvars`] count in this. Not all of it is asked for: see [`needs`](Self::needs).
+    pub fn reads(&self) -> &[Read] {
+        &self.reads
+    }
+
     /// The names of the primvars that [`Self::resolve`] asks for: sorted, each once.
     pub fn needs(&self) -> Vec<&str> {
         self.names(self.shading_sources())
@@ -211,9 +216,9 @@ impl Material {
         self.names([&self.inputs.displacement].into_iter())
     }
 
-    /// The primvar whose directions the normal map's tangent space follows, if there is such a map.
-    pub fn normal_primvar(&self) -> Option<&str> {
-        self.inputs.normal.as_ref().and_then(|n| self.name(n))
+    /// The read whose directions the normal map's tangent space follows, if there is such a map.
+    pub fn normal_read(&self) -> Option<usize> {
+        self.inputs.normal.as_ref().and_then(|n| self.read(n))
     }
 
     /// Whether any displacement but 0 is possible.
@@ -241,7 +246,7 @@ impl Material {
         let fixed = |source: &Source| match source {
             Source::Value(_) => true,
             Source::Texel(..) => false,
-            Source::Primvar { name, .. } => !varies(name),
+            Source::Primvar { read, .. } => !varies(&self.reads[*read].name),
         };
         let constant = self.constant.is_none() && self.shading_sources().all(fixed);
         constant.then(|| Self {
@@ -276,20 +281,23 @@ impl Material {
     }
 
     fn names<'a>(&'a self, sources: impl Iterator<Item = &'a Source>) -> Vec<&'a str> {
-        let mut names: Vec<_> = sources.filter_map(|source| self.name(source)).collect();
+        let mut names: Vec<_> = sources
+            .filter_map(|source| self.read(source))
+            .map(|read| self.reads[read].name.as_str())
+            .collect();
         names.sort_unstable();
         names.dedup();
         names
     }
 
-    fn name<'a>(&'a self, source: &'a Source) -> Option<&'a str> {
+    fn read(&self, source: &Source) -> Option<usize> {
         match source {
             Source::Value(_) => None,
             Source::Texel(number, _) => {
                 let placed = &self.texels[*number];
-                placed.image.is_some().then_some(placed.primvar.as_str())
+                placed.image.is_some().then_some(placed.read)
             }
-            Source::Primvar { name, .. } => Some(name),
+            Source::Primvar { read, .. } => Some(*read),
         }
     }
 }
@@ -328,12 +336,12 @@ impl Point<'_> {
                 output.of(texel)
             }
             Source::Primvar {
-                name,
+                read,
                 components,
                 fallback,
             } => {
                 let mut out = [0.0; 3];
-                if !self.primvars.get(name, &mut out[..*components]) {
+                if !self.primvars.get(*read, &mut out[..*components]) {
                     return *fallback;
                 }
                 if *components == 1 {
@@ -349,7 +357,7 @@ impl Point<'_> {
 struct NoPrimvars;
 
 impl Primvars for NoPrimvars {
-    fn get(&self, _: &str, _: &mut [f32]) -> bool {
+    fn get(&self, _: usize, _: &mut [f32]) -> bool {
         false
     }
 }
@@ -361,34 +369,48 @@ fn diffuse(diffuse_color: Input<Vec3>) -> PreviewSurface {
     }
 }
 
-fn source<T>(
-    input: &Input<T>,
-    components: usize,
-    splat: impl Fn(&T) -> Vec3,
-    textures: &[Arc<dyn Lookup>],
-    texels: &mut Vec<Placed>,
-) -> Source {
-    match input {
-        Input::Value(value) => Source::Value(splat(value)),
-        Input::Texture(map) => texel(map, textures, texels),
-        Input::Primvar { name, fallback } => Source::Primvar {
-            name: name.clone(),
-            components,
-            fallback: splat(fallback),
-        },
-    }
+/// Gathers what the inputs of a material look at.
+struct Sources<'a> {
+    textures: &'a [Arc<dyn Lookup>],
+    texels: Vec<Placed>,
+    reads: Vec<Read>,
 }
 
-fn texel(map: &TextureMap, textures: &[Arc<dyn Lookup>], texels: &mut Vec<Placed>) -> Source {
-    let placed = Placed::new(map, textures);
-    let number = texels
-        .iter()
-        .position(|other| other.is_like(&placed))
-        .unwrap_or_else(|| {
-            texels.push(placed);
-            texels.len() - 1
+impl Sources<'_> {
+    fn color(&mut self, input: &Input<Vec3>) -> Source {
+        self.source(input, 3, |color| color)
+    }
+
+    fn number(&mut self, input: &Input<f32>) -> Source {
+        self.source(input, 1, Vec3::splat)
+    }
+
+    fn source<T: Copy>(
+        &mut self,
+        input: &Input<T>,
+        components: usize,
+        splat: impl Fn(T) -> Vec3,
+    ) -> Source {
+        match input {
+            Input::Value(value) => Source::Value(splat(*value)),
+            Input::Texture(map) => self.texel(map),
+            Input::Primvar { name, fallback } => Source::Primvar {
+                read: number(&mut self.reads, name, components),
+                components,
+                fallback: splat(*fallback),
+            },
+        }
+    }
+
+    fn texel(&mut self, map: &TextureMap) -> Source {
+        let placed = Placed::new(map, self.textures, &mut self.reads);
+        let same = self.texels.iter().position(|other| other.is_like(&placed));
+        let number = same.unwrap_or_else(|| {
+            self.texels.push(placed);
+            self.texels.len() - 1
         });
-    Source::Texel(number, Output::new(map))
+        Source::Texel(number, Output::new(map))
+    }
 }
 
 /// 0..1; NaN is 0.

@@ -17,15 +17,23 @@ impl Lookup for Ramp {
 
 struct At(Vec<(&'static str, Vec<f32>)>);
 
-impl Primvars for At {
-    fn get(&self, name: &str, out: &mut [f32]) -> bool {
-        match self
-            .0
-            .iter()
-            .find(|(n, v)| *n == name && v.len() >= out.len())
-        {
+impl At {
+    /// As the material reads them.
+    fn read_by<'a>(&'a self, material: &'a Material) -> ReadBy<'a> {
+        ReadBy(self, material)
+    }
+}
+
+struct ReadBy<'a>(&'a At, &'a Material);
+
+impl Primvars for ReadBy<'_> {
+    fn get(&self, read: usize, out: &mut [f32]) -> bool {
+        let Self(At(values), material) = self;
+        let Read { name, width } = &material.reads()[read];
+        assert_eq!(out.len(), *width);
+        match values.iter().find(|(n, v)| n == name && v.len() >= *width) {
             Some((_, value)) => {
-                out.copy_from_slice(&value[..out.len()]);
+                out.copy_from_slice(&value[..*width]);
                 true
             }
             None => false,
@@ -79,7 +87,7 @@ fn inputs_that_share_an_image_look_once() {
     };
     let material = material(surface, &[ramp.clone() as Arc<dyn Lookup>]);
     let at = At(vec![("st", vec![0.25, 0.75])]);
-    let resolved = material.resolve(&at);
+    let resolved = material.resolve(&at.read_by(&material));
     assert_eq!(ramp.0.load(Ordering::Relaxed), 1);
     assert_eq!(
         (resolved.params.roughness, resolved.params.metallic),
@@ -91,16 +99,19 @@ fn inputs_that_share_an_image_look_once() {
     assert_eq!(material.displacement_needs(), ["uv"]);
     assert!(material.is_displaced());
     // No such primvar: the fallback.
-    assert_eq!(material.displacement(&at), 0.7);
+    assert_eq!(material.displacement(&at.read_by(&material)), 0.7);
     assert_eq!(
-        material.displacement(&At(vec![("uv", vec![0.0, 0.0])])),
+        material.displacement(&At(vec![("uv", vec![0.0, 0.0])]).read_by(&material)),
         0.5
     );
 
     let clay = Material::clay(Vec3::splat(0.5), Some(&material));
-    assert_eq!(clay.displacement(&At(vec![("uv", vec![0.0, 0.0])])), 0.5);
     assert_eq!(
-        clay.resolve(&at).params,
+        clay.displacement(&At(vec![("uv", vec![0.0, 0.0])]).read_by(&clay)),
+        0.5
+    );
+    assert_eq!(
+        clay.resolve(&at.read_by(&clay)).params,
         SurfaceParams::lambert(Vec3::splat(0.5))
     );
     assert!(clay.constant.is_some() && clay.displacement_needs() == ["uv"]);
@@ -113,7 +124,7 @@ fn a_missing_texture_gives_its_fallback() {
         ..PreviewSurface::default()
     };
     let material = material(surface, &[]);
-    let resolved = material.resolve(&At(vec![("st", vec![0.0, 0.0])]));
+    let resolved = material.resolve(&At(vec![("st", vec![0.0, 0.0])]).read_by(&material));
     assert_eq!(resolved.params.diffuse_color, Vec3::new(0.9, 0.8, 0.7));
     assert!(material.needs().is_empty());
 }
@@ -144,16 +155,22 @@ fn display_color_and_opacity() {
     assert_eq!(bare.params, SurfaceParams::lambert(Vec3::splat(0.18)));
     assert_eq!(bare.opacity, 1.0);
     assert!(material.may_be_transparent());
-    let on = |primvars: &At, varying: &str| material.constant_on(primvars, |name| name == varying);
+    let on = |primvars: &At, varying: &str| {
+        material.constant_on(&primvars.read_by(&material), |name| name == varying)
+    };
     let bare = on(&At(vec![]), "").expect("nothing varies");
     assert!(!bare.may_be_transparent() && bare.constant.is_some());
     let thin = At(vec![("displayOpacity", vec![0.5])]);
     assert!(on(&thin, "").is_some_and(|m| m.may_be_transparent()));
-    assert!(on(&thin, "displayColor").is_none() && bare.constant_on(&thin, |_| false).is_none());
-    let painted = material.resolve(&At(vec![
+    assert!(
+        on(&thin, "displayColor").is_none()
+            && bare.constant_on(&thin.read_by(&bare), |_| false).is_none()
+    );
+    let both = At(vec![
         ("displayColor", vec![0.1, 0.2, 0.3]),
         ("displayOpacity", vec![0.5]),
-    ]));
+    ]);
+    let painted = material.resolve(&both.read_by(&material));
     assert_eq!(painted.params.diffuse_color, Vec3::new(0.1, 0.2, 0.3));
     assert_eq!(painted.opacity, 0.5);
 }
@@ -169,9 +186,10 @@ fn normals_are_unit_or_absent() {
         ..PreviewSurface::default()
     };
     let material = material(surface, &[Arc::new(Ramp::default())]);
-    assert_eq!(material.normal_primvar(), Some("st"));
-    let flat = material.resolve(&At(vec![("st", vec![0.5, 0.5])]));
+    let read = material.normal_read().map(|read| &material.reads()[read]);
+    assert!(read.is_some_and(|read| read.name == "st" && read.width == 2));
+    let flat = material.resolve(&At(vec![("st", vec![0.5, 0.5])]).read_by(&material));
     assert_eq!(flat.normal, Some(Vec3::Z));
-    let nonsense = material.resolve(&At(vec![("st", vec![f32::NAN, 0.5])]));
+    let nonsense = material.resolve(&At(vec![("st", vec![f32::NAN, 0.5])]).read_by(&material));
     assert_eq!(nonsense.normal, None);
 }

@@ -67,9 +67,10 @@ impl Sampler {
     #[inline]
     fn of_first_block(&self, set: u32) -> [f32; 4] {
         let seed = self.seed.wrapping_mul(0x9c8f_2d3b) ^ set;
-        let keys = [0x912f_69ba, 0x174f_18ab, 0x691e_72ca, 0xb40c_c1b8_u32].map(|key| key ^ seed);
+        let keys = Int4::from([0x912f_69ba, 0x174f_18ab, 0x691e_72ca, 0xb40c_c1b8]);
+        let keys = keys ^ Int4::from([seed; 4]);
         let sobol_rev = NIBBLES.sobol_rev(self.shuffled_rev, set);
-        owen_scramble_int4_rev(sobol_rev, hash_int4(keys.into()))
+        owen_scramble_int4_rev(sobol_rev, hash_int4(keys))
             .reverse_bits()
             .to_f32_norm()
     }

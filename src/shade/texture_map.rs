@@ -12,11 +12,33 @@ pub trait Lookup: Send + Sync {
     fn eval(&self, st: Vec2) -> Vec4;
 }
 
-/// The primvars at one point of a surface.
+/// A primvar that a material reads.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Read {
+    /// Its name.
+    pub name: String,
+    /// How many of its components, the first ones.
+    pub width: usize,
+}
+
+/// What a material reads, at one point of a surface.
 pub trait Primvars {
-    /// Fills `out` with the first components of the primvar `name`. False, with `out` as it was, if there is
-    /// none of that name or if it has fewer components.
-    fn get(&self, name: &str, out: &mut [f32]) -> bool;
+    /// Fills `out`, as long as the width that is read, with the primvar that stands at `read` in the material's
+    /// [`reads`](super::material::Material::reads). False, with `out` as it was, if there is none of that name or if
+    /// it has fewer components.
+    fn get(&self, read: usize, out: &mut [f32]) -> bool;
+}
+
+/// The number of a primvar among the reads, which it joins if it is new.
+pub(super) fn number(reads: &mut Vec<Read>, name: &str, width: usize) -> usize {
+    let is_same = |read: &Read| read.name == name && read.width == width;
+    reads.iter().position(is_same).unwrap_or_else(|| {
+        reads.push(Read {
+            name: name.to_owned(),
+            width,
+        });
+        reads.len() - 1
+    })
 }
 
 /// Texture coordinates moved as UsdTransform2d says: scale, rotate, translate.
@@ -55,16 +77,21 @@ impl StTransform {
 pub(super) struct Placed {
     /// Missing: outputs take their fallback.
     pub(super) image: Option<Arc<dyn Lookup>>,
-    pub(super) primvar: String,
+    /// Of the texture coordinates, among the material's reads.
+    pub(super) read: usize,
     pub(super) transform: StTransform,
     texture: usize,
 }
 
 impl Placed {
-    pub(super) fn new(map: &scene::TextureMap, textures: &[Arc<dyn Lookup>]) -> Self {
+    pub(super) fn new(
+        map: &scene::TextureMap,
+        textures: &[Arc<dyn Lookup>],
+        reads: &mut Vec<Read>,
+    ) -> Self {
         Self {
             image: textures.get(map.texture).cloned(),
-            primvar: map.primvar.clone(),
+            read: number(reads, &map.primvar, 2),
             transform: StTransform::new(&map.transform),
             texture: map.texture,
         }
@@ -73,7 +100,7 @@ impl Placed {
     /// Whether it gives the same texels everywhere.
     pub(super) fn is_like(&self, other: &Self) -> bool {
         self.texture == other.texture
-            && self.primvar == other.primvar
+            && self.read == other.read
             && self.transform == other.transform
     }
 
@@ -82,7 +109,7 @@ impl Placed {
         let image = self.image.as_deref()?;
         let mut st = [0.0; 2];
         primvars
-            .get(&self.primvar, &mut st)
+            .get(self.read, &mut st)
             .then(|| image.eval(self.transform.apply(st.into())))
     }
 }

@@ -1,106 +1,100 @@
-//! Values that a file gives its control mesh, carried to every point of the limit surface.
+//! Values that a file gives its surface, carried to every point of it.
 
-use crate::mesh::{ControlMesh, FaceVaryingInterpolation, Interpolation, Primvar, Topology};
-use crate::subdiv::{Field, LimitSurface};
-
-/// A primvar on a limit surface.
-pub(super) enum Carried {
+/// A primvar on a surface. Those that vary within faces follow the surface's own rules, which `V` knows.
+pub(super) enum Carried<V> {
     /// One value for all of it.
     Constant(Vec<f32>),
-    /// A value for each face of the mesh.
-    Uniform(Primvar),
+    /// A value for each face of the file's.
+    Uniform {
+        width: usize,
+        /// Face by face.
+        values: Vec<f32>,
+    },
     /// A value that varies within faces.
-    Varying(Varying),
+    Varying(V),
 }
 
-/// Values that follow a subdivision rule.
-pub(super) struct Varying {
-    /// The surface over which they are smooth, unless that is the points' one.
-    pub(super) limit: Option<LimitSurface>,
-    /// Those of up to three components have three, the last ones 0: points are evaluated faster.
-    pub(super) field: Field<f32>,
-    pub(super) width: usize,
-    /// The largest value.
-    pub(super) largest: f32,
+/// A value that varies within faces.
+pub(super) trait Varying {
+    /// Components.
+    fn width(&self) -> usize;
+
+    /// Bytes held.
+    fn memory(&self) -> usize;
 }
 
-impl Carried {
-    /// `limit` is the surface of the mesh's points.
-    pub(super) fn new(
-        mesh: &ControlMesh,
-        topology: &Topology,
-        limit: &LimitSurface,
-        primvar: &Primvar,
-    ) -> Self {
-        let face_varying = |primvar: &Primvar, rule| {
-            let (own, elements) = LimitSurface::face_varying(mesh, primvar, rule);
-            let values = elements.iter().map(|&e| primvar.element(e as usize));
-            let field = padded(&own, primvar, values);
-            (Some(own), field)
-        };
-        let (own, field) = match primvar.interpolation {
-            Interpolation::Constant => return Self::Constant(primvar.get(0).to_vec()),
-            Interpolation::Uniform => return Self::Uniform(primvar.clone()),
-            Interpolation::Vertex => {
-                let values = (0..mesh.point_count()).map(|v| primvar.get(v));
-                (None, padded(limit, primvar, values))
-            }
-            Interpolation::Varying => {
-                // Linear over each face: as by corners, which are nowhere smooth.
-                let indices = (0..topology.corner_count() as u32).map(|corner| {
-                    let vertex = topology.vertex(corner);
-                    primvar
-                        .indices
-                        .as_ref()
-                        .map_or(vertex, |i| i[vertex as usize])
-                });
-                let by_corner = Primvar {
-                    interpolation: Interpolation::FaceVarying,
-                    indices: Some(indices.collect()),
-                    ..primvar.clone()
-                };
-                face_varying(&by_corner, FaceVaryingInterpolation::All)
-            }
-            Interpolation::FaceVarying => face_varying(primvar, mesh.face_varying),
-        };
-        Self::Varying(Varying {
-            limit: own,
-            largest: field.largest() as f32,
-            width: primvar.width as usize,
-            field,
-        })
+/// The primvars of a surface by slot, with their names.
+pub(super) struct Slots<V>(Vec<(String, Carried<V>)>);
+
+impl<V: Varying> Carried<V> {
+    /// One value for each face.
+    pub(super) fn uniform<'a>(width: usize, values: impl Iterator<Item = &'a [f32]>) -> Self {
+        Self::Uniform {
+            width,
+            values: values.flatten().copied().collect(),
+        }
     }
 
     /// Components.
     pub(super) fn width(&self) -> usize {
         match self {
             Self::Constant(value) => value.len(),
-            Self::Uniform(primvar) => primvar.width as usize,
-            Self::Varying(varying) => varying.width,
+            Self::Uniform { width, .. } => *width,
+            Self::Varying(varying) => varying.width(),
         }
     }
 
-    pub(super) fn memory(&self) -> usize {
+    fn memory(&self) -> usize {
         match self {
-            Self::Constant(value) => size_of_val(value.as_slice()),
-            Self::Uniform(primvar) => primvar.memory(),
-            Self::Varying(Varying { limit, field, .. }) => {
-                limit.as_ref().map_or(0, LimitSurface::memory) + field.memory()
-            }
+            Self::Constant(values) | Self::Uniform { values, .. } => size_of_val(values.as_slice()),
+            Self::Varying(varying) => varying.memory(),
         }
     }
 }
 
-fn padded<'a>(
-    limit: &LimitSurface,
-    primvar: &Primvar,
-    values: impl Iterator<Item = &'a [f32]>,
-) -> Field<f32> {
-    let width = (primvar.width as usize).max(3);
-    let mut all = Vec::new();
-    for value in values {
-        all.extend_from_slice(value);
-        all.resize(all.len() + width - value.len(), 0.0);
+impl<V: Varying> Slots<V> {
+    pub(super) fn new(primvars: Vec<(String, Carried<V>)>) -> Self {
+        Self(primvars)
     }
-    limit.field(all, width)
+
+    /// The slot of the primvar of this name, if it has at least `width` components.
+    pub(super) fn slot(&self, name: &str, width: usize) -> Option<usize> {
+        let fits = |(n, carried): &(String, Carried<V>)| n == name && carried.width() >= width;
+        self.0.iter().position(fits)
+    }
+
+    /// The slot of the primvar of this name, if it can be texture coordinates: has two components and varies within
+    /// faces.
+    pub(super) fn texcoords(&self, name: Option<&str>) -> Option<usize> {
+        let is_texcoord = |(n, carried): &(String, Carried<V>)| {
+            Some(n.as_str()) == name
+                && matches!(carried, Carried::Varying(varying) if varying.width() == 2)
+        };
+        self.0.iter().position(is_texcoord)
+    }
+
+    /// What varies within faces in a slot, if it does.
+    pub(super) fn varying(&self, slot: usize) -> Option<&V> {
+        match &self.0[slot].1 {
+            Carried::Varying(varying) => Some(varying),
+            _ => None,
+        }
+    }
+
+    /// Fills `out` with the first components of a slot's value on a face of the file's, or leaves that to what varies
+    /// within it.
+    pub(super) fn get<'a>(&'a self, slot: usize, face: u32, out: &mut [f32]) -> Option<&'a V> {
+        let value = match &self.0[slot].1 {
+            Carried::Constant(value) => value,
+            Carried::Uniform { width, values } => &values[face as usize * width..][..*width],
+            Carried::Varying(varying) => return Some(varying),
+        };
+        out.copy_from_slice(&value[..out.len()]);
+        None
+    }
+
+    /// Bytes held.
+    pub(super) fn memory(&self) -> usize {
+        self.0.iter().map(|(_, carried)| carried.memory()).sum()
+    }
 }

@@ -230,6 +230,12 @@ impl Grids {
         &self.0[number as usize]
     }
 
+    /// The grid of a face, unless that is a hole.
+    pub fn of_face(&self, face: u32) -> Option<&FaceGrid> {
+        let number = self.0.binary_search_by_key(&face, |grid| grid.face).ok()?;
+        self.0.get(number)
+    }
+
     /// How many micro-triangles there are, those without area included.
     pub fn triangles(&self) -> u64 {
         self.0
@@ -272,18 +278,39 @@ impl FaceGrid {
         ((1.0 - uv.x - uv.y) * a + uv.x * b + uv.y * c).clamp(Vec2::ZERO, Vec2::ONE)
     }
 
+    /// The triangle at the face's parameters and its barycentric weights there; none where borders are snapped to other
+    /// rates.
+    pub fn triangle_at(&self, uv: Vec2) -> Option<(u64, Vec2)> {
+        let [nu, nv] = self.size;
+        (self.segments == [nu, nv, nu, nv]).then(|| self.cell_triangle(uv))
+    }
+
+    /// The triangle of the even grid, and its weights.
+    fn cell_triangle(&self, uv: Vec2) -> (u64, Vec2) {
+        let [nu, nv] = self.size;
+        let at = uv * Vec2::new(f32::from(nu), f32::from(nv));
+        let (i, j) = ((at.x as u16).min(nu - 1), (at.y as u16).min(nv - 1));
+        let within = at - Vec2::new(f32::from(i), f32::from(j));
+        let first = 2 * (u64::from(j) * u64::from(nu) + u64::from(i));
+        if within.x + within.y <= 1.0 {
+            (first, within)
+        } else {
+            (first + 1, 1.0 - within)
+        }
+    }
+
     /// The face's parameters of the point whose parameters over the whole grid, as if nothing were snapped, are `uv`.
     pub fn grid_uv(&self, uv: Vec2) -> Vec2 {
-        let size = Vec2::new(f32::from(self.size[0]), f32::from(self.size[1]));
-        let at = uv.clamp(Vec2::ZERO, Vec2::ONE) * size;
-        let cell = at.floor().min(size - 1.0);
-        let within = at - cell;
-        let first = 2 * (cell.y as u64 * u64::from(self.size[0]) + cell.x as u64);
-        if within.x + within.y <= 1.0 {
-            self.triangle_uv(first, within)
-        } else {
-            self.triangle_uv(first + 1, 1.0 - within)
+        let uv = uv.clamp(Vec2::ZERO, Vec2::ONE);
+        let [nu, nv] = self.size;
+        let at = uv * Vec2::new(f32::from(nu), f32::from(nv));
+        let (i, j) = ((at.x as u16).min(nu - 1), (at.y as u16).min(nv - 1));
+        let inside = |i: u16, n: u16| 0 < i && i + 1 < n;
+        if self.segments == [nu, nv, nu, nv] || inside(i, nu) && inside(j, nv) {
+            return uv;
         }
+        let (triangle, weights) = self.cell_triangle(uv);
+        self.triangle_uv(triangle, weights)
     }
 }
 

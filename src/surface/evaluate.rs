@@ -94,6 +94,7 @@ impl Surface {
 
     /// The displaced point of a face at parameters `uv`, at a motion key. On edges this is the face's own side; what
     /// faces share is in [`SharedSamples`](super::SharedSamples).
+    #[inline]
     pub fn evaluate(&self, face: u32, uv: Vec2, key: u32) -> DisplacedPoint {
         if matches!(self.displacement, Displacement::None) {
             let limit = self.base.first_order(face, uv, key);
@@ -107,6 +108,11 @@ impl Surface {
                 };
             }
         }
+        self.evaluate_displaced(face, uv, key)
+    }
+
+    /// The same with second derivatives of the limit point.
+    fn evaluate_displaced(&self, face: u32, uv: Vec2, key: u32) -> DisplacedPoint {
         let limit = self.base.evaluate(face, uv, key);
         let n = unit_normal(&limit, uv, self.front);
         let mut point = DisplacedPoint {
@@ -320,7 +326,7 @@ pub(super) fn unit_normal(point: &LimitPoint, uv: Vec2, front: f32) -> Option<Ve
         .or_else(|| {
             let n = du1.cross(dv) + du.cross(dv1);
             let scale = du1.length() * dv.length() + du.length() * dv1.length();
-            unit(n, scale)
+            unit(n, scale * scale)
         })
         .or_else(|| unit_cross(du1, dv1))
         .map(|n| front * n)
@@ -328,13 +334,15 @@ pub(super) fn unit_normal(point: &LimitPoint, uv: Vec2, front: f32) -> Option<Ve
 
 /// Their unit cross product, unless they are parallel or one is zero.
 fn unit_cross(a: DVec3, b: DVec3) -> Option<Vec3> {
-    unit(a.cross(b), a.length() * b.length())
+    unit(a.cross(b), a.length_squared() * b.length_squared())
 }
 
-/// `n` normalised, if it is not a mere rounding of products of size `scale`.
-fn unit(n: DVec3, scale: f64) -> Option<Vec3> {
-    let length = n.length();
-    (length > SINE * scale && length.is_finite()).then(|| (n / length).as_vec3())
+/// `n` normalised, if it is not a mere rounding of products whose size squared is `scale_squared`. Fourth powers of
+/// single-precision numbers stay in the range of double precision.
+fn unit(n: DVec3, scale_squared: f64) -> Option<Vec3> {
+    let squared = n.length_squared();
+    (squared > SINE * SINE * scale_squared && squared.is_finite())
+        .then(|| (n / squared.sqrt()).as_vec3())
 }
 
 /// Vectors at less than this angle are parallel, radians: single precision does not know their cross product.

@@ -18,6 +18,7 @@ mod patch;
 mod pyramid;
 mod rates;
 mod shared;
+mod subdivided;
 mod subdivision;
 #[cfg(test)]
 pub(crate) mod tests;

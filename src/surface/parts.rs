@@ -14,7 +14,7 @@
 //! ```
 
 use super::base::{EdgeUse, LimitPoint};
-use crate::math::Vec2;
+use crate::math::{Vec2, Vec3};
 use crate::mesh::{ControlMesh, Topology};
 
 /// A part of a Ptex face, as a square.
@@ -140,6 +140,7 @@ pub(super) struct Placed {
 
 impl Shape {
     /// Where a part's parameters lie in its Ptex face.
+    #[inline]
     pub(super) fn place(self, uv: Vec2) -> Placed {
         let [u, v] = [f64::from(uv.x), f64::from(uv.y)];
         let (origin, du, dv, duv) = match self {
@@ -208,16 +209,23 @@ const QUARTERS: [[[f64; 2]; 3]; 4] = [
 const THIRD_CORNERS: [[f64; 2]; 3] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
 
 impl Placed {
+    /// First derivatives by the Ptex face's parameters as those by the part's.
+    #[inline]
+    pub(super) fn pull_back_slopes(&self, [du, dv]: [Vec3; 2]) -> [Vec3; 2] {
+        [self.du, self.dv].map(|d| d[0] as f32 * du + d[1] as f32 * dv)
+    }
+
     /// A point of the Ptex face with derivatives by the part's parameters.
     pub(super) fn pull_back(&self, p: &LimitPoint) -> LimitPoint {
         let [a, b, c] = [self.du, self.dv, self.duv].map(|d| d.map(|x| x as f32));
         let second = |x: [f32; 2], y: [f32; 2]| {
             x[0] * y[0] * p.duu + (x[0] * y[1] + x[1] * y[0]) * p.duv + x[1] * y[1] * p.dvv
         };
+        let [du, dv] = self.pull_back_slopes([p.du, p.dv]);
         LimitPoint {
             position: p.position,
-            du: a[0] * p.du + a[1] * p.dv,
-            dv: b[0] * p.du + b[1] * p.dv,
+            du,
+            dv,
             duu: second(a, a),
             duv: second(a, b) + c[0] * p.du + c[1] * p.dv,
             dvv: second(b, b),

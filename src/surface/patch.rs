@@ -6,6 +6,7 @@
 
 use super::Bicubic;
 use super::base::{Base, Carrier, EdgeUse, LimitPoint, Texcoord, UvRect};
+use super::carried::{Carried, Slots, Varying};
 use crate::error::Fault;
 use crate::math::{Bounds3, DVec3, Vec2, Vec3};
 use crate::mesh::{Interpolation, NurbsDirection, NurbsPatch, Primvar};
@@ -19,20 +20,16 @@ pub struct Patch {
     /// Faces of which nothing is kept.
     holes: Vec<bool>,
     collapsed: Vec<[bool; 4]>,
-    /// By slot, with their names.
-    primvars: Vec<(String, Carried)>,
+    primvars: Slots<Followed>,
     texcoords: Option<usize>,
 }
 
-/// A primvar on a patch.
-enum Carried {
-    Constant(Vec<f32>),
-    /// A value for each face.
-    Uniform(Vec<Vec<f32>>),
-    /// The four corners of each face, width values each: (0, 0), (1, 0), (0, 1), (1, 1).
-    Varying(usize, Vec<[Vec<f32>; 4]>),
-    /// Follows the points: three components at a time are points of a patch of the same knots and weights.
-    Vertex(usize, Vec<BezierFaces>),
+/// A primvar that varies within a patch's faces, and its width.
+enum Followed {
+    /// Bilinear between the four corners of each face, width values each: (0, 0), (1, 0), (0, 1), (1, 1).
+    Corners(usize, Vec<[Vec<f32>; 4]>),
+    /// As the points: three components at a time are points of a patch of the same knots and weights.
+    Points(usize, Vec<BezierFaces>),
 }
 
 impl Patch {
@@ -48,28 +45,25 @@ impl Patch {
             let [[u0, u1], [v0, v1]] = faces.parameters(face);
             !trim.is_empty() && trim.cover([u0, v0], [u1, v1]) == Cover::Outside
         };
-        let mut primvars: Vec<(String, Carried)> = Vec::new();
+        let mut primvars = Vec::new();
         for &name in names {
             match patch.primvar(name) {
                 Some(primvar) => {
-                    primvars.push((name.to_owned(), Carried::new(patch, &faces, primvar)?));
+                    primvars.push((name.to_owned(), carried(patch, &faces, primvar)?));
                 }
                 None if name == "st" => {
-                    primvars.push((name.to_owned(), Carried::parameters(patch, &faces)));
+                    primvars.push((name.to_owned(), Carried::Varying(parameters(patch, &faces))));
                 }
                 None => {}
             }
         }
-        let has_coordinates = |(name, carried): &(String, Carried)| {
-            Some(name.as_str()) == texcoords
-                && matches!(carried, Carried::Varying(2, _) | Carried::Vertex(2, _))
-        };
+        let primvars = Slots::new(primvars);
         Ok(Self {
             holes: (0..faces.face_count()).map(is_hole).collect(),
             collapsed: (0..faces.face_count())
                 .map(|f| collapsed(&faces, f))
                 .collect(),
-            texcoords: primvars.iter().position(has_coordinates),
+            texcoords: primvars.texcoords(texcoords),
             primvars,
             left_handed: patch.left_handed,
             trim,
@@ -88,8 +82,8 @@ impl Patch {
     }
 
     fn texcoord_at(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord> {
-        match &self.primvars[slot].1 {
-            Carried::Varying(width, corners) if *width >= 2 => {
+        match self.primvars.varying(slot)? {
+            Followed::Corners(width, corners) if *width >= 2 => {
                 let [a, b, c, d] = [0, 1, 2, 3].map(|k| {
                     let value = &corners[face as usize][k];
                     Vec2::new(value[0], value[1])
@@ -103,7 +97,7 @@ impl Patch {
                     ..Texcoord::default()
                 })
             }
-            Carried::Vertex(width, fields) if *width >= 2 => {
+            Followed::Points(width, fields) if *width >= 2 => {
                 let p = limit_point(&fields[0].evaluate(face as usize, pair(uv)));
                 let [st, du, dv, duu, duv, dvv] =
                     [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::truncate);
@@ -199,13 +193,13 @@ impl Base for Patch {
 
     fn texcoord_hull(&self, face: u32, rect: &UvRect) -> Option<UvRect> {
         let slot = self.texcoords?;
-        let bounds = match &self.primvars[slot].1 {
-            Carried::Vertex(_, fields) => {
+        let bounds = match self.primvars.varying(slot)? {
+            Followed::Points(_, fields) => {
                 let (min, max) = (pair(rect.min), pair(rect.max));
                 let points = fields[0].part(0, face as usize, min, max);
                 rounded(points.iter().map(|p| p.truncate() / p.w))
             }
-            _ => {
+            Followed::Corners(_, values) => {
                 // Bilinear: its extremes are in the corners; a few roundings aside.
                 let corners = [
                     rect.min,
@@ -215,7 +209,8 @@ impl Base for Patch {
                 ]
                 .map(|uv| self.texcoord_at(slot, face, uv).map(|t| t.st.extend(0.0)));
                 let bounds = Bounds3::of(corners.into_iter().flatten());
-                let largest = self.largest_corner(slot, face);
+                let values = values[face as usize].iter().flatten();
+                let largest = values.fold(0.0_f32, |most, x| most.max(x.abs()));
                 let slack = Vec3::splat(8.0 * f32::EPSILON * largest);
                 Bounds3 {
                     min: bounds.min - slack,
@@ -230,28 +225,10 @@ impl Base for Patch {
     }
 
     fn memory(&self) -> usize {
-        let carried = |carried: &Carried| match carried {
-            Carried::Constant(value) => size_of_val(value.as_slice()),
-            Carried::Uniform(values) => values.iter().map(|v| size_of_val(v.as_slice())).sum(),
-            Carried::Varying(width, corners) => corners.len() * 4 * (24 + 4 * width),
-            Carried::Vertex(_, fields) => fields.iter().map(BezierFaces::memory).sum(),
-        };
         self.faces.memory()
             + self.holes.len()
             + size_of_val(self.collapsed.as_slice())
-            + self.primvars.iter().map(|(_, p)| carried(p)).sum::<usize>()
-    }
-}
-
-impl Patch {
-    fn largest_corner(&self, slot: usize, face: u32) -> f32 {
-        match &self.primvars[slot].1 {
-            Carried::Varying(_, corners) => corners[face as usize]
-                .iter()
-                .flatten()
-                .fold(0.0, |most, x| most.max(x.abs())),
-            _ => 0.0,
-        }
+            + self.primvars.memory()
     }
 }
 
@@ -261,8 +238,7 @@ impl Carrier for Patch {
     }
 
     fn slot(&self, name: &str, width: usize) -> Option<usize> {
-        let fits = |(n, carried): &(String, Carried)| n == name && carried.width() >= width;
-        self.primvars.iter().position(fits)
+        self.primvars.slot(name, width)
     }
 
     fn is_texcoord(&self, slot: usize) -> bool {
@@ -270,12 +246,9 @@ impl Carrier for Patch {
     }
 
     fn primvar(&self, slot: usize, face: u32, uv: Vec2, out: &mut [f32]) {
-        match &self.primvars[slot].1 {
-            Carried::Constant(value) => out.copy_from_slice(&value[..out.len()]),
-            Carried::Uniform(values) => {
-                out.copy_from_slice(&values[face as usize][..out.len()]);
-            }
-            Carried::Varying(_, corners) => {
+        match self.primvars.get(slot, face, out) {
+            None => {}
+            Some(Followed::Corners(_, corners)) => {
                 let [a, b, c, d] = &corners[face as usize];
                 for (i, out) in out.iter_mut().enumerate() {
                     let low = a[i] + uv.x * (b[i] - a[i]);
@@ -283,7 +256,7 @@ impl Carrier for Patch {
                     *out = low + uv.y * (high - low);
                 }
             }
-            Carried::Vertex(_, fields) => {
+            Some(Followed::Points(_, fields)) => {
                 for (out, field) in out.chunks_mut(3).zip(fields) {
                     let value = field.evaluate(face as usize, pair(uv)).position.as_vec3();
                     out.copy_from_slice(&value.to_array()[..out.len()]);
@@ -297,81 +270,91 @@ impl Carrier for Patch {
     }
 }
 
-impl Carried {
-    fn new(patch: &NurbsPatch, faces: &BezierFaces, primvar: &Primvar) -> Result<Self, Fault> {
-        let width = primvar.width as usize;
-        let segments = patch.segments();
-        let pieces = [&patch.u, &patch.v].map(|direction| {
-            let first = direction.degree();
-            let spans = direction.spans().map(|(span, _)| span - first);
-            spans.collect::<Vec<_>>()
-        });
-        let columns = faces.pieces()[0];
-        let segment = |face: usize| [pieces[0][face % columns], pieces[1][face / columns]];
-        let all = 0..faces.face_count();
-        Ok(match primvar.interpolation {
-            Interpolation::Constant | Interpolation::FaceVarying => {
-                Self::Constant(primvar.get(0).to_vec())
-            }
-            Interpolation::Uniform => {
-                let value = |face| {
-                    let [i, j] = segment(face);
-                    primvar.get(j * segments[0] + i).to_vec()
+/// A primvar of a patch on its faces.
+fn carried(
+    patch: &NurbsPatch,
+    faces: &BezierFaces,
+    primvar: &Primvar,
+) -> Result<Carried<Followed>, Fault> {
+    let width = primvar.width as usize;
+    let segments = patch.segments();
+    let pieces = [&patch.u, &patch.v].map(|direction| {
+        let first = direction.degree();
+        let spans = direction.spans().map(|(span, _)| span - first);
+        spans.collect::<Vec<_>>()
+    });
+    let columns = faces.pieces()[0];
+    let segment = |face: usize| [pieces[0][face % columns], pieces[1][face / columns]];
+    let all = 0..faces.face_count();
+    Ok(match primvar.interpolation {
+        Interpolation::Constant | Interpolation::FaceVarying => {
+            Carried::Constant(primvar.get(0).to_vec())
+        }
+        Interpolation::Uniform => {
+            let value = |face| {
+                let [i, j] = segment(face);
+                primvar.get(j * segments[0] + i)
+            };
+            Carried::uniform(width, all.map(value))
+        }
+        Interpolation::Varying => {
+            let corners = |face| {
+                let [i, j] = segment(face);
+                [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[x, y]| {
+                    let corner = (j + y) * (segments[0] + 1) + i + x;
+                    primvar.get(corner).to_vec()
+                })
+            };
+            Carried::Varying(Followed::Corners(width, all.map(corners).collect()))
+        }
+        Interpolation::Vertex => {
+            let three = |first: usize| -> Result<BezierFaces, Fault> {
+                let point = |i: usize| {
+                    let value = primvar.get(i);
+                    let component = |k: usize| value.get(first + k).copied().unwrap_or(0.0);
+                    Vec3::new(component(0), component(1), component(2))
                 };
-                Self::Uniform(all.map(value).collect())
-            }
-            Interpolation::Varying => {
-                let corners = |face| {
-                    let [i, j] = segment(face);
-                    [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[x, y]| {
-                        let corner = (j + y) * (segments[0] + 1) + i + x;
-                        primvar.get(corner).to_vec()
-                    })
+                let field = NurbsPatch {
+                    points: vec![(0..patch.point_count()).map(point).collect()],
+                    trims: Vec::new(),
+                    primvars: Vec::new(),
+                    ..patch.clone()
                 };
-                Self::Varying(width, all.map(corners).collect())
-            }
-            Interpolation::Vertex => {
-                let three = |first: usize| -> Result<BezierFaces, Fault> {
-                    let point = |i: usize| {
-                        let value = primvar.get(i);
-                        let component = |k: usize| value.get(first + k).copied().unwrap_or(0.0);
-                        Vec3::new(component(0), component(1), component(2))
-                    };
-                    let field = NurbsPatch {
-                        points: vec![(0..patch.point_count()).map(point).collect()],
-                        trims: Vec::new(),
-                        primvars: Vec::new(),
-                        ..patch.clone()
-                    };
-                    BezierFaces::new(&NurbsSurface::new(&field)?)
-                };
-                let fields: Result<Vec<_>, Fault> = (0..width).step_by(3).map(three).collect();
-                Self::Vertex(width, fields?)
-            }
+                BezierFaces::new(&NurbsSurface::new(&field)?)
+            };
+            let fields: Result<Vec<_>, Fault> = (0..width).step_by(3).map(three).collect();
+            Carried::Varying(Followed::Points(width, fields?))
+        }
+    })
+}
+
+/// The patch's parameters over their ranges.
+fn parameters(patch: &NurbsPatch, faces: &BezierFaces) -> Followed {
+    let domains = [&patch.u, &patch.v].map(NurbsDirection::domain);
+    let corners = |face| {
+        let part = faces.parameters(face);
+        [[0, 0], [1, 0], [0, 1], [1, 1]].map(|ends: [usize; 2]| {
+            let along = |axis: usize| {
+                let [low, high] = domains[axis];
+                ((part[axis][ends[axis]] - low) / (high - low)) as f32
+            };
+            vec![along(0), along(1)]
         })
-    }
+    };
+    Followed::Corners(2, (0..faces.face_count()).map(corners).collect())
+}
 
-    /// The patch's parameters over their ranges.
-    fn parameters(patch: &NurbsPatch, faces: &BezierFaces) -> Self {
-        let domains = [&patch.u, &patch.v].map(NurbsDirection::domain);
-        let corners = |face| {
-            let part = faces.parameters(face);
-            [[0, 0], [1, 0], [0, 1], [1, 1]].map(|ends: [usize; 2]| {
-                let along = |axis: usize| {
-                    let [low, high] = domains[axis];
-                    ((part[axis][ends[axis]] - low) / (high - low)) as f32
-                };
-                vec![along(0), along(1)]
-            })
-        };
-        Self::Varying(2, (0..faces.face_count()).map(corners).collect())
-    }
-
+impl Varying for Followed {
     fn width(&self) -> usize {
         match self {
-            Self::Constant(value) => value.len(),
-            Self::Uniform(values) => values.first().map_or(0, Vec::len),
-            Self::Varying(width, _) | Self::Vertex(width, _) => *width,
+            Self::Corners(width, _) | Self::Points(width, _) => *width,
+        }
+    }
+
+    fn memory(&self) -> usize {
+        match self {
+            Self::Corners(width, corners) => corners.len() * 4 * (24 + 4 * width),
+            Self::Points(_, fields) => fields.iter().map(BezierFaces::memory).sum(),
         }
     }
 }

@@ -6,9 +6,10 @@
 
 use super::Bicubic;
 use super::base::{Base, Carrier, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect};
-use super::carried::{Carried, Varying};
+use super::carried::{Slots, Varying};
 use super::parts::{Part, Shape, parts};
 use super::rates::Rates;
+use super::subdivided::Subdivided;
 use crate::math::{Bounds3, Vec2, Vec3};
 use crate::mesh::{ControlMesh, Topology};
 use crate::subdiv::{Field, LimitSurface};
@@ -20,8 +21,7 @@ pub struct Subdivision {
     points: Vec<Field<f32>>,
     /// The largest coordinate of each key.
     largest: Vec<f32>,
-    /// By slot, with their names.
-    primvars: Vec<(String, Carried)>,
+    primvars: Slots<Subdivided>,
     /// Which of them is the texture coordinates.
     texcoords: Option<usize>,
     parts: Vec<Part>,
@@ -50,22 +50,19 @@ impl Subdivision {
         let points: Vec<Field<f32>> = (0..mesh.points.len())
             .map(|key| limit.points(mesh, key))
             .collect();
-        let primvars: Vec<(String, Carried)> = names
-            .iter()
-            .filter_map(|name| mesh.primvar(name))
-            .map(|primvar| {
-                let carried = Carried::new(mesh, &topology, &limit, primvar);
-                (primvar.name.clone(), carried)
-            })
-            .collect();
-        let is_texcoord = |(name, carried): &(String, Carried)| {
-            Some(name.as_str()) == texcoords
-                && matches!(carried, Carried::Varying(varying) if varying.width == 2)
-        };
+        let given = names.iter().filter_map(|name| mesh.primvar(name));
+        let primvars = Slots::new(
+            given
+                .map(|primvar| {
+                    let carried = Subdivided::carried(mesh, &topology, &limit, primvar);
+                    (primvar.name.clone(), carried)
+                })
+                .collect(),
+        );
         let face_of_part = |face: usize| topology.corners(face as u32).map(move |_| face as u32);
         Self {
             largest: points.iter().map(|field| field.largest() as f32).collect(),
-            texcoords: primvars.iter().position(is_texcoord),
+            texcoords: primvars.texcoords(texcoords),
             primvars,
             parents: if is_cut {
                 (0..topology.face_count()).flat_map(face_of_part).collect()
@@ -143,11 +140,9 @@ impl Subdivision {
     }
 
     /// The texture coordinates and the surface over which they are smooth.
-    fn texcoords(&self) -> Option<(&LimitSurface, &Varying)> {
-        match &self.primvars[self.texcoords?].1 {
-            Carried::Varying(st) => Some((st.limit.as_ref().unwrap_or(&self.limit), st)),
-            _ => None,
-        }
+    fn texcoords(&self) -> Option<(&LimitSurface, &Subdivided)> {
+        let st = self.primvars.varying(self.texcoords?)?;
+        Some((st.limit.as_ref().unwrap_or(&self.limit), st))
     }
 
     /// The whole face as one patch, if it is.
@@ -214,16 +209,21 @@ impl Subdivision {
         face: u32,
         uv: Vec2,
     ) -> LimitPoint {
-        self.on_part(face, uv, |ptex, [u, v]| {
-            let p = limit.first_order(field, ptex, u, v);
-            let [position, du, dv] = [p.position, p.du, p.dv].map(Vec3::from);
-            LimitPoint {
-                position,
-                du,
-                dv,
-                ..LimitPoint::default()
-            }
-        })
+        let part = &self.parts[face as usize];
+        let placed = part.shape.place(uv);
+        let [u, v] = placed.uv;
+        let p = limit.first_order(field, part.ptex, u, v);
+        let slopes = [p.du, p.dv].map(Vec3::from);
+        let [du, dv] = match part.shape {
+            Shape::Whole => slopes,
+            _ => placed.pull_back_slopes(slopes),
+        };
+        LimitPoint {
+            position: p.position.into(),
+            du,
+            dv,
+            ..LimitPoint::default()
+        }
     }
 
     fn limit_point(
@@ -233,32 +233,20 @@ impl Subdivision {
         face: u32,
         uv: Vec2,
     ) -> LimitPoint {
-        self.on_part(face, uv, |ptex, [u, v]| {
-            let p = limit.evaluate(field, ptex, u, v);
-            let [position, du, dv, duu, duv, dvv] =
-                [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::from);
-            LimitPoint {
-                position,
-                du,
-                dv,
-                duu,
-                duv,
-                dvv,
-            }
-        })
-    }
-
-    /// A point of a face, by what the Ptex face has where it lies.
-    #[inline(always)]
-    fn on_part(
-        &self,
-        face: u32,
-        uv: Vec2,
-        at: impl FnOnce(u32, [f64; 2]) -> LimitPoint,
-    ) -> LimitPoint {
         let part = &self.parts[face as usize];
         let placed = part.shape.place(uv);
-        let point = at(part.ptex, placed.uv);
+        let [u, v] = placed.uv;
+        let p = limit.evaluate(field, part.ptex, u, v);
+        let [position, du, dv, duu, duv, dvv] =
+            [p.position, p.du, p.dv, p.duu, p.duv, p.dvv].map(Vec3::from);
+        let point = LimitPoint {
+            position,
+            du,
+            dv,
+            duu,
+            duv,
+            dvv,
+        };
         match part.shape {
             Shape::Whole => point,
             _ => placed.pull_back(&point),
@@ -404,7 +392,7 @@ impl Base for Subdivision {
     fn memory(&self) -> usize {
         self.limit.memory()
             + self.points.iter().map(Field::memory).sum::<usize>()
-            + self.primvars.iter().map(|(_, p)| p.memory()).sum::<usize>()
+            + self.primvars.memory()
             + size_of_val(self.parts.as_slice())
             + size_of_val(self.parents.as_slice())
     }
@@ -420,8 +408,7 @@ impl Carrier for Subdivision {
     }
 
     fn slot(&self, name: &str, width: usize) -> Option<usize> {
-        let fits = |(n, carried): &(String, Carried)| n == name && carried.width() >= width;
-        self.primvars.iter().position(fits)
+        self.primvars.slot(name, width)
     }
 
     fn is_texcoord(&self, slot: usize) -> bool {
@@ -429,32 +416,25 @@ impl Carrier for Subdivision {
     }
 
     fn primvar(&self, slot: usize, face: u32, uv: Vec2, out: &mut [f32]) {
-        let value = match &self.primvars[slot].1 {
-            Carried::Constant(value) => value,
-            Carried::Uniform(primvar) => primvar.get(self.parent(face) as usize),
-            Carried::Varying(varying) => {
-                let limit = varying.limit.as_ref().unwrap_or(&self.limit);
-                let part = &self.parts[face as usize];
-                let [u, v] = part.shape.place(uv).uv;
-                if varying.width <= 3 {
-                    let value = limit.first_order(&varying.field, part.ptex, u, v).position;
-                    out.copy_from_slice(&value[..out.len()]);
-                } else {
-                    let mut value = vec![0.0; varying.width];
-                    limit.interpolate(&varying.field, part.ptex, u, v, &mut value);
-                    out.copy_from_slice(&value[..out.len()]);
-                }
-                return;
-            }
+        let Some(varying) = self.primvars.get(slot, self.parent(face), out) else {
+            return;
         };
-        out.copy_from_slice(&value[..out.len()]);
+        let limit = varying.limit.as_ref().unwrap_or(&self.limit);
+        let part = &self.parts[face as usize];
+        let [u, v] = part.shape.place(uv).uv;
+        if varying.width() <= 3 {
+            let value = limit.first_order(&varying.field, part.ptex, u, v).position;
+            out.copy_from_slice(&value[..out.len()]);
+        } else {
+            let mut value = vec![0.0; varying.width()];
+            limit.interpolate(&varying.field, part.ptex, u, v, &mut value);
+            out.copy_from_slice(&value[..out.len()]);
+        }
     }
 
     fn primvar_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord> {
-        let Carried::Varying(varying) = &self.primvars[slot].1 else {
-            return None;
-        };
-        if !(2..=3).contains(&varying.width) {
+        let varying = self.primvars.varying(slot)?;
+        if !(2..=3).contains(&varying.width()) {
             return None;
         }
         if self.is_hole(face) {

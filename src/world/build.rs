@@ -9,7 +9,8 @@ use super::displacement::Heights;
 use super::geometry::{Displaced, Maker, Wanted};
 use super::method::Method;
 use super::shape::Shape;
-use super::worn::Worn;
+use super::stand::Stand;
+use super::worn::{Wardrobe, Wearer};
 use super::{Entry, Placed, World, patch};
 use crate::accel::Intersector;
 use crate::error::{Error, Fault, Result, Warnings};
@@ -22,7 +23,7 @@ use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Lookup;
 use crate::surface::Dicing;
-use crate::trace::{Device, Geometry, Scene, SceneBuilder, SceneOptions};
+use crate::trace::{Device, Geometry, Scene, SceneBuilder};
 
 /// How to build.
 #[derive(Debug, Clone, Default)]
@@ -67,7 +68,8 @@ impl World {
         let mut warnings = Warnings::default();
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
-        let (mut materials, unbound) = materials(description, &textures, options);
+        let (materials, unbound) = materials(description, &textures, options);
+        let mut wardrobe = Wardrobe::new(materials.clone());
 
         let mut maker = Maker {
             device,
@@ -83,10 +85,7 @@ impl World {
             places[placement.shape].push(i as u32);
         }
 
-        let scene_options = SceneOptions {
-            robust: true,
-            compact: false,
-        };
+        let scene_options = options.method.scene_options();
         let mut builder = SceneBuilder::new(device, scene_options)?;
         let mut entries: BTreeMap<u32, Entry> = BTreeMap::new();
         let mut shapes = Vec::with_capacity(description.shapes.len());
@@ -142,30 +141,30 @@ impl World {
                 }
             };
             let (geometry, surface) = made.map_err(|e| name_shape(e, description, shape))?;
-            let mut worn = Worn::new(&shape.geometry, places, description);
-            let mut number_of = |m: usize| worn.number(m, &mut materials);
-            let faces = shape.geometry.face_count();
-            shapes.push(Shape::new(surface, &shape.materials, faces, |m| {
-                number_of(m.unwrap_or(unbound))
-            }));
-
-            let mut place_of = |place: u32, keys: Vec<Affine3A>| {
+            let mut wearer = Wearer::new(
+                &mut wardrobe,
+                &shape.geometry,
+                &surface,
+                places,
+                description,
+            );
+            let worn = wearer.by_face(&shape.materials);
+            let mut place_of = |place: u32, stand: Stand| {
                 let placement = &description.placements[place as usize];
                 Placed {
                     shape: number as u32,
-                    object_from_world: keys[0].inverse(),
-                    world_from_object: keys,
-                    material: placement
+                    stand,
+                    worn: placement
                         .material
                         .filter(|_| options.clay.is_none())
-                        .map(&mut number_of),
+                        .map(|m| wearer.number(Some(m))),
                     display_color: placement.display_color.map(Into::into),
                 }
             };
             if in_world.is_some() {
                 let id = builder.attach(geometry);
                 entries.insert(id, Entry::Placed(places[0]));
-                placed[places[0] as usize] = Some(place_of(places[0], vec![Affine3A::IDENTITY]));
+                placed[places[0] as usize] = Some(place_of(places[0], Stand::InWorld));
             } else if !places.is_empty() {
                 let mut own = SceneBuilder::new(device, scene_options)?;
                 own.attach(geometry);
@@ -176,10 +175,11 @@ impl World {
                 for &place in places {
                     let id = builder.instance(own.clone(), &keys(place))?;
                     entries.insert(id, Entry::Placed(place));
-                    placed[place as usize] = Some(place_of(place, keys(place)));
+                    placed[place as usize] = Some(place_of(place, Stand::new(keys(place))));
                 }
             }
-            transparent |= worn.transparent;
+            transparent |= wearer.transparent;
+            shapes.push(Shape { surface, worn });
         }
 
         let lights = lights(
@@ -215,7 +215,7 @@ impl World {
                 .into_iter()
                 .map(|p| p.expect("every placement names a shape"))
                 .collect(),
-            materials,
+            worn: wardrobe.worn,
             lights_are_split: (0..description.lights.len().max(1))
                 .any(|i| lights.multipliers(i) != [1.0, 1.0]),
             lights,

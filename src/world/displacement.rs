@@ -7,7 +7,7 @@ use crate::image::Texture;
 use crate::math::{Bounds3, Vec2, Vec3};
 use crate::scene::{self, Input, TextureMap};
 use crate::shade::material::Material;
-use crate::shade::texture_map::{Primvars, StTransform};
+use crate::shade::texture_map::{Primvars, Read, StTransform};
 use crate::surface::{
     Amount, Carrier, Channels, Displacement, DisplacementMap, Function, ImageMap,
 };
@@ -124,34 +124,37 @@ fn component(map: &TextureMap) -> u8 {
 
 /// The material's displacement along the normal, for Embree; `widths` are the names and widths of the primvars that
 /// the geometry carries, by slot.
-pub(super) fn by_callback(material: Material, widths: Vec<(String, usize)>) -> trace::Displacement {
-    let carried = Carried { widths };
+pub(super) fn by_callback(material: Material, widths: &[(String, usize)]) -> trace::Displacement {
+    let slots: Vec<_> = material
+        .reads()
+        .iter()
+        .map(|read| embree_slot(widths, read))
+        .collect();
     Arc::new(move |point| {
         let height = material.displacement(&At {
             point,
-            carried: &carried,
+            slots: &slots,
         });
         height * point.normal
     })
 }
 
-struct Carried {
-    widths: Vec<(String, usize)>,
+/// The slot of a primvar among those that a geometry of Embree's carries, by their names and widths.
+pub(super) fn embree_slot(widths: &[(String, usize)], read: &Read) -> Option<usize> {
+    let fits = |(name, width): &(String, usize)| *name == read.name && *width >= read.width;
+    widths.iter().position(fits)
 }
 
 struct At<'a> {
     point: &'a trace::DisplacementPoint<'a>,
-    carried: &'a Carried,
+    /// By the material's reads.
+    slots: &'a [Option<usize>],
 }
 
 impl Primvars for At<'_> {
-    fn get(&self, name: &str, out: &mut [f32]) -> bool {
-        let slot = self
-            .carried
-            .widths
-            .iter()
-            .position(|(n, width)| n == name && *width >= out.len());
-        slot.inspect(|&slot| self.point.primvar(slot, out))
+    fn get(&self, read: usize, out: &mut [f32]) -> bool {
+        self.slots[read]
+            .inspect(|&slot| self.point.primvar(slot, out))
             .is_some()
     }
 }

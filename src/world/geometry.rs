@@ -159,8 +159,7 @@ impl Maker<'_> {
         let corners = base.corner_rates(&mesh.topology(), rates);
         let options = SubdivisionOptions {
             rates: trace::Rates::PerCorner(corners.into_iter().map(|n| n as f32).collect()),
-            displacement: (wanted.displaced)
-                .map(|d| by_callback(d.material.clone(), primvars.clone())),
+            displacement: (wanted.displaced).map(|d| by_callback(d.material.clone(), &primvars)),
             primvars: wanted.needs.to_vec(),
         };
         let geometry = Geometry::subdivision(self.device, mesh.clone(), options)?;

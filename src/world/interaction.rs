@@ -1,12 +1,14 @@
 //! A point of a surface as the path tracer sees it.
 
-use super::{World, at_time};
-use crate::math::{Affine3A, Frame, Ray, Vec3};
+use super::World;
+use crate::math::{Frame, Ray, Vec3};
 use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
 use crate::shade::texture_map::Primvars;
-use crate::trace::SceneHit;
+use crate::trace::{Geometry, SceneHit};
 
 use super::shape::{Place, Shape};
+use super::stand::Space;
+use super::worn::Found;
 
 /// Where a path met a surface. Normals are unit vectors on the side that the ray came from.
 #[derive(Debug, Clone)]
@@ -69,15 +71,11 @@ impl World {
     pub(super) fn interaction(&self, number: u32, ray: &Ray, hit: &SceneHit) -> Interaction {
         let placed = &self.placed[number as usize];
         let shape = &self.shapes[placed.shape as usize];
-        let moved;
-        let (world_from_object, object_from_world) = match &placed.world_from_object[..] {
-            [still] => (still, &placed.object_from_world),
-            keys => {
-                let now = at_time(keys, ray.time);
-                moved = (now, now.inverse());
-                (&moved.0, &moved.1)
-            }
-        };
+        let mut moved = None;
+        let space = placed.stand.at(ray.time, &mut moved);
+        let point_to_world = |p: Vec3| space.map_or(p, |space| space.point_to_world(p));
+        let unit_normal_to_world =
+            |n: Vec3| space.map_or(n, |s| s.normal_to_world(n).normalize_or_zero());
 
         // Geometry: where, and which way it faces. The facet's normal only tells sides until it is needed.
         let geometry = match hit.instance {
@@ -87,30 +85,35 @@ impl World {
             ),
             None => self.scene.geometry(hit.geometry),
         };
-        let facet = normal_transformed(object_from_world, hit.normal);
+        let facet = space.map_or(hit.normal, |space| space.normal_to_world(hit.normal));
         let towards = if facet.dot(ray.direction) <= 0.0 {
             1.0
         } else {
             -1.0
         };
         let on_facet = ray.at(hit.t);
-        let place = shape.place(hit, &ray.transformed(object_from_world));
+        let place = shape.place(hit, || {
+            space.map_or(*ray, |space| space.ray_from_world(ray))
+        });
         let point = shape.point(geometry, place, towards * hit.normal, ray.time);
         let largest = on_facet.abs().max(ray.origin.abs()).max_element();
-        let error = RELATIVE_ERROR * largest.max(1e-6) + hit.error * stretch(world_from_object);
-        // A normal of unit length on the facet's side; none where it is degenerate, as at some poles.
-        let unit_normal = |n: Vec3| {
-            let n = normal_transformed(object_from_world, n).try_normalize()?;
-            Some(if n.dot(facet) < 0.0 { -n } else { n })
-        };
+        // The hit's own error is in the object's space.
+        let own_error = hit.error * space.map_or(1.0, Space::stretch);
+        let error = RELATIVE_ERROR * largest.max(1e-6) + own_error;
         let mut position = on_facet;
-        let mut geometric_normal = (point.smooth.as_ref())
-            .and_then(|smooth| unit_normal(smooth.normal))
-            .unwrap_or_else(|| facet.normalize_or_zero());
+        // Degenerate at some poles: the facet's stands in.
+        let smooth_normal = (point.smooth.as_ref())
+            .map(|smooth| unit_normal_to_world(smooth.normal))
+            .filter(|&n| n != Vec3::ZERO);
+        let mut geometric_normal = match smooth_normal {
+            Some(n) if n.dot(facet) < 0.0 => -n,
+            Some(n) => n,
+            None => facet.normalize_or_zero(),
+        };
         if let Some(smooth) = &point.smooth {
             // Facets cut the corners of a convex surface: rays that leave from the facet would be shadowed by
             // their neighbours. The smooth surface lies in front of them there.
-            let gap = world_from_object.transform_point3(smooth.position) - on_facet;
+            let gap = point_to_world(smooth.position) - on_facet;
             let ahead = towards * gap.dot(geometric_normal);
             if shape.is_near_only() && gap.is_finite() {
                 // A box is no facet: the surface may as well lie behind what was hit, within the error.
@@ -127,27 +130,25 @@ impl World {
         let mut shading_normal = geometric_normal;
 
         // Appearance.
-        let material = placed
-            .material
-            .unwrap_or_else(|| shape.material(point.face));
+        let worn = placed.worn.unwrap_or_else(|| shape.worn(point.face));
+        let worn = &self.worn[worn as usize];
         let primvars = Lookup {
+            found: &worn.found,
             shape,
             place,
             geometry,
             placed_color: placed.display_color,
         };
-        let resolved = self.materials[material as usize].resolve(&primvars);
+        let resolved = worn.material.resolve(&primvars);
         if let Some(map) = resolved.normal {
-            shading_normal = self.materials[material as usize]
-                .normal_primvar()
-                .and_then(|name| shape.tangents(geometry, name, place, &point))
+            shading_normal = (worn.material.normal_read())
+                .and_then(|read| shape.tangents(geometry, worn.found[read].slot?, place, &point))
                 .map_or(shading_normal, |tangents| {
                     bumped(
                         shading_normal,
                         geometric_normal,
                         map,
-                        world_from_object,
-                        tangents,
+                        tangents.map(|t| space.map_or(t, |space| space.vector_to_world(t))),
                         towards,
                     )
                 });
@@ -168,37 +169,20 @@ impl World {
     }
 }
 
-/// No vector gets longer by more than this: its square bounds the eigenvalues of the matrix's product with itself
-/// (Gershgorin). What only turns and scales it bounds exactly.
-fn stretch(map: &Affine3A) -> f32 {
-    let columns = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
-    let row = |a: &glam::Vec3A| columns.iter().map(|b| a.dot(*b).abs()).sum::<f32>();
-    columns.iter().map(row).fold(0.0, f32::max).sqrt()
-}
-
-/// Normals transform by the inverse transpose.
-fn normal_transformed(object_from_world: &Affine3A, normal: Vec3) -> Vec3 {
-    Vec3::from(object_from_world.matrix3.transpose() * glam::Vec3A::from(normal))
-}
-
 /// Tilts `normal` by a tangent-space normal map whose x runs along the texture's s.
 fn bumped(
     normal: Vec3,
     geometric: Vec3,
     map: Vec3,
-    world_from_object: &Affine3A,
     [along_s, along_t]: [Vec3; 2],
     towards: f32,
 ) -> Vec3 {
-    let tangent = world_from_object.transform_vector3(along_s);
-    let tangent = (tangent - tangent.dot(normal) * normal).normalize_or_zero();
+    let tangent = (along_s - along_s.dot(normal) * normal).normalize_or_zero();
     if tangent == Vec3::ZERO {
         return normal;
     }
     let bitangent = normal.cross(tangent);
-    let handed = bitangent
-        .dot(world_from_object.transform_vector3(along_t))
-        .signum();
+    let handed = bitangent.dot(along_t).signum();
     // Seen from behind, the map's bumps are dents.
     let tilted = (towards * map.x * tangent
         + towards * map.y * handed * bitangent
@@ -213,21 +197,22 @@ fn bumped(
 }
 
 struct Lookup<'a> {
+    /// By the material's reads.
+    found: &'a [Found],
     shape: &'a Shape,
     place: Place,
-    geometry: &'a crate::trace::Geometry,
+    geometry: &'a Geometry,
     placed_color: Option<[f32; 3]>,
 }
 
 impl Primvars for Lookup<'_> {
-    fn get(&self, name: &str, out: &mut [f32]) -> bool {
-        if name == "displayColor"
-            && let Some(color) = self.placed_color
-            && out.len() == 3
-        {
-            out.copy_from_slice(&color);
-            return true;
+    fn get(&self, read: usize, out: &mut [f32]) -> bool {
+        let Found { slot, is_color } = self.found[read];
+        match (self.placed_color, slot) {
+            (Some(color), _) if is_color => out.copy_from_slice(&color),
+            (_, Some(slot)) => self.shape.primvar(self.geometry, slot, self.place, out),
+            (_, None) => return false,
         }
-        self.shape.primvar(self.geometry, name, self.place, out)
+        true
     }
 }

@@ -8,7 +8,7 @@ use crate::accel::{
 use crate::error::Result;
 use crate::math::Vec2;
 use crate::surface::{Diced, Grids, Rates, Surface};
-use crate::trace::{Device, Geometry, SceneHit, diced_grid_uv, diced_triangle_uv};
+use crate::trace::{Device, Geometry, SceneHit, SceneOptions, diced_grid_uv, diced_triangle_uv};
 
 /// A way of tracing a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -20,6 +20,8 @@ pub enum Method {
     /// Our micro-triangles as Embree's grids. The default: a tenth slower than triangles in a sixth of their memory.
     #[default]
     EmbreeGrid,
+    /// The same grids in trees that Embree builds for little memory.
+    EmbreeGridCompact,
     /// Our micro-triangles in a plain tree of our own.
     Tessellated,
     /// Our micro-triangles quantised, in trees without pointers.
@@ -52,10 +54,11 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
+        Self::EmbreeGridCompact,
         Self::Tessellated,
         Self::Compact,
         Self::Compressed,
@@ -67,6 +70,7 @@ impl Method {
             Self::EmbreeSubdivision => "embree-subdivision",
             Self::EmbreeTriangles => "embree-triangles",
             Self::EmbreeGrid => "embree-grid",
+            Self::EmbreeGridCompact => "embree-grid-compact",
             Self::Tessellated => "tessellated",
             Self::Compact => "compact",
             Self::Compressed => "compressed",
@@ -81,6 +85,7 @@ impl Method {
                 "micro-triangles in Embree: a tenth faster than grids, six times their memory"
             }
             Self::EmbreeGrid => "micro-triangles as Embree's grids",
+            Self::EmbreeGridCompact => "the same grids in Embree's compact trees: a sixth smaller",
             Self::Tessellated => "micro-triangles in a plain tree of our own: slow",
             Self::Compact => "micro-triangles at about a byte each, in trees of our own",
             Self::Compressed => "boxes around a few micro-triangles each, at half a byte for one",
@@ -93,10 +98,18 @@ impl Method {
         match self {
             Self::EmbreeSubdivision => 22,
             Self::EmbreeTriangles => 135,
-            Self::EmbreeGrid => 32,
+            Self::EmbreeGrid | Self::EmbreeGridCompact => 32,
             Self::Tessellated => 50,
             Self::Compact => 3,
             Self::Compressed => 2,
+        }
+    }
+
+    /// How Embree is to build the scenes that its geometries are in.
+    pub fn scene_options(self) -> SceneOptions {
+        SceneOptions {
+            robust: true,
+            compact: self == Self::EmbreeGridCompact,
         }
     }
 
@@ -120,7 +133,7 @@ impl Method {
                 let geometry = Geometry::diced_triangles(device, &diced)?;
                 (geometry, HitPlaces::Triangles(grids), bytes)
             }
-            Self::EmbreeGrid => {
+            Self::EmbreeGrid | Self::EmbreeGridCompact => {
                 let diced = diced();
                 let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();

@@ -9,6 +9,7 @@ mod method;
 mod objects;
 mod patch;
 mod shape;
+mod stand;
 mod worn;
 
 pub use build::{BuildOptions, Built};
@@ -20,11 +21,12 @@ pub use objects::{Object, objects};
 pub use crate::surface::Dicing;
 
 use crate::accel::Hit;
-use crate::math::{Affine3A, Ray};
+use crate::math::Ray;
 use crate::shade::light::Lights;
-use crate::shade::material::Material;
 use crate::trace;
 use shape::Shape;
+use stand::Stand;
+use worn::Worn;
 
 /// A scene, ready for rays. Shared by all render threads.
 pub struct World {
@@ -33,7 +35,8 @@ pub struct World {
     entries: Vec<Entry>,
     shapes: Vec<Shape>,
     placed: Vec<Placed>,
-    materials: Vec<Material>,
+    /// Materials on shapes: what shapes and placements mean by numbers.
+    worn: Vec<Worn>,
     /// All lights.
     pub lights: Lights,
     /// Whether any material lets light through.
@@ -58,11 +61,9 @@ enum Entry {
 /// A shape in the world.
 struct Placed {
     shape: u32,
-    /// At each motion key; one identity where the shape was built in world space.
-    world_from_object: Vec<Affine3A>,
-    /// Inverse of the first key, used where nothing moves.
-    object_from_world: Affine3A,
-    material: Option<u32>,
+    stand: Stand,
+    /// What all of it wears, whatever its shape does.
+    worn: Option<u32>,
     display_color: Option<[f32; 3]>,
 }
 
@@ -136,22 +137,5 @@ impl World {
     /// The message of the first panic in a callback, if there was one: the picture is not to be trusted then.
     pub fn take_panic(&self) -> Option<String> {
         self.scene.take_panic()
-    }
-}
-
-/// Element-wise between motion keys, as Embree itself interpolates the matrices of an instance.
-fn at_time(keys: &[Affine3A], time: f32) -> Affine3A {
-    let [.., last] = keys else {
-        return Affine3A::IDENTITY;
-    };
-    let position = time.clamp(0.0, 1.0) * (keys.len() - 1) as f32;
-    let first = position.floor() as usize;
-    if first + 1 >= keys.len() {
-        return *last;
-    }
-    let (a, b, f) = (&keys[first], &keys[first + 1], position - first as f32);
-    Affine3A {
-        matrix3: a.matrix3 * (1.0 - f) + b.matrix3 * f,
-        translation: a.translation * (1.0 - f) + b.translation * f,
     }
 }

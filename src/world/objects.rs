@@ -118,10 +118,10 @@ impl Object {
         };
         let corners = cage.base.corner_rates(&cage.mesh.topology(), rates);
         let width = |name: &str| cage.mesh.primvar(name).map_or(0, |p| p.width as usize);
-        let widths = cage.needs.iter().map(|n| (n.clone(), width(n))).collect();
+        let widths: Vec<_> = cage.needs.iter().map(|n| (n.clone(), width(n))).collect();
         let options = SubdivisionOptions {
             rates: trace::Rates::PerCorner(corners.into_iter().map(|n| n as f32).collect()),
-            displacement: (cage.material.clone()).map(|material| by_callback(material, widths)),
+            displacement: (cage.material.clone()).map(|material| by_callback(material, &widths)),
             primvars: cage.needs.clone(),
         };
         let geometry = Geometry::subdivision(device, cage.mesh.clone(), options)?;

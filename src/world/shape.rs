@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
+use super::displacement::embree_slot;
 use super::method::HitPlaces;
 use crate::math::{Ray, Vec2, Vec3};
 use crate::mesh::{ControlMesh, Interpolation, Primvar};
-use crate::scene::Binding;
+use crate::shade::texture_map::Read;
 use crate::surface::{self, Carrier};
 use crate::trace::{Geometry, SceneHit, SurfacePoint};
 
@@ -14,8 +15,8 @@ const FARTHEST_STEP: f32 = 0.25;
 
 pub(super) struct Shape {
     pub(super) surface: Surface,
-    /// By face; one for all if there is but one.
-    materials: Vec<u32>,
+    /// Numbers of worn materials, by face; one for all if there is but one.
+    pub(super) worn: Vec<u32>,
 }
 
 pub(super) enum Surface {
@@ -66,49 +67,28 @@ pub(super) struct Point {
 /// A point of a limit surface, with its displacement, or of the surface that a polygon mesh's normals imply.
 pub(super) struct SmoothPoint {
     pub(super) position: Vec3,
+    /// Unit, or zero where there is none.
     pub(super) normal: Vec3,
 }
 
 impl Shape {
-    /// `number` gives a material of the binding its number in the world.
-    pub(super) fn new(
-        surface: Surface,
-        binding: &Binding,
-        faces: usize,
-        mut number: impl FnMut(Option<usize>) -> u32,
-    ) -> Self {
-        let mut materials = vec![number(binding.whole)];
-        if !binding.subsets.is_empty() {
-            materials.resize(faces, materials[0]);
-            for subset in &binding.subsets {
-                let number = number(subset.material);
-                for &face in &subset.faces {
-                    if let Some(material) = materials.get_mut(face as usize) {
-                        *material = number;
-                    }
-                }
-            }
-        }
-        Self { surface, materials }
-    }
-
-    pub(super) fn material(&self, face: u32) -> u32 {
-        if self.materials.len() == 1 {
-            self.materials[0]
-        } else {
-            self.materials[face as usize]
+    pub(super) fn worn(&self, face: u32) -> u32 {
+        match self.worn[..] {
+            [all] => all,
+            _ => self.worn[face as usize],
         }
     }
 
-    /// `ray` is the ray that hit, in object space.
-    pub(super) fn place(&self, hit: &SceneHit, ray: &Ray) -> Place {
+    /// `ray` is asked for the ray that hit, in object space, only where that is needed.
+    #[inline]
+    pub(super) fn place(&self, hit: &SceneHit, ray: impl FnOnce() -> Ray) -> Place {
         let (face, uv) = match &self.surface {
             Surface::Smooth(smooth) => smooth.places.face_uv(hit),
             Surface::Subdivision { .. } | Surface::Polygons(_) => (hit.primitive, hit.uv),
         };
         let place = Place { face, uv };
         match &self.surface {
-            Surface::Smooth(smooth) if self.is_near_only() => smooth.refined(place, hit, ray),
+            Surface::Smooth(smooth) if self.is_near_only() => smooth.refined(place, hit, &ray()),
             _ => place,
         }
     }
@@ -129,7 +109,7 @@ impl Shape {
                     derivatives: [point.du, point.dv],
                     smooth: Some(SmoothPoint {
                         position: point.position,
-                        normal: point.du.cross(point.dv),
+                        normal: point.du.cross(point.dv).normalize_or_zero(),
                     }),
                 }
             }
@@ -145,44 +125,38 @@ impl Shape {
         }
     }
 
-    /// The first components of the primvar `name`; false if there is none of this name and width.
+    /// The first components of the primvar in a slot, as many as `out` is long.
     pub(super) fn primvar(
         &self,
         geometry: &Geometry,
-        name: &str,
-        place: Place,
+        slot: usize,
+        Place { face, uv }: Place,
         out: &mut [f32],
-    ) -> bool {
-        let Place { face, uv } = place;
+    ) {
         match &self.surface {
-            Surface::Subdivision { primvars } => {
-                let fits = |(n, width): &(String, usize)| n == name && *width >= out.len();
-                let slot = primvars.iter().position(fits);
-                slot.inspect(|&slot| geometry.primvar(slot, face, uv, out))
-                    .is_some()
+            Surface::Subdivision { .. } => geometry.primvar(slot, face, uv, out),
+            Surface::Smooth(Smooth { carrier, .. }) => carrier.primvar(slot, face, uv, out),
+            Surface::Polygons(polygons) => {
+                polygons.blend(&polygons.mesh.primvars[slot], face, uv, out);
             }
-            Surface::Smooth(Smooth { carrier, .. }) => (carrier.slot(name, out.len()))
-                .inspect(|&slot| carrier.primvar(slot, face, uv, out))
-                .is_some(),
-            Surface::Polygons(polygons) => polygons.primvar(name, face, uv, out),
         }
     }
 
-    /// Directions in which the texture coordinates that the primvar `name` holds grow, object space.
+    /// Directions in which the texture coordinates that a slot holds grow, object space.
     pub(super) fn tangents(
         &self,
         geometry: &Geometry,
-        name: &str,
+        slot: usize,
         place: Place,
         point: &Point,
     ) -> Option<[Vec3; 2]> {
         let [along_u, along_v] = match &self.surface {
             Surface::Smooth(Smooth { carrier, .. }) => {
-                let st = carrier.primvar_slopes(carrier.slot(name, 2)?, place.face, place.uv)?;
+                let st = carrier.primvar_slopes(slot, place.face, place.uv)?;
                 [st.du, st.dv]
             }
             Surface::Subdivision { .. } | Surface::Polygons(_) => {
-                self.differences(geometry, name, place)?
+                self.differences(geometry, slot, place)
             }
         };
         let determinant = along_u.perp_dot(along_v);
@@ -196,7 +170,7 @@ impl Shape {
     }
 
     /// Derivatives of texture coordinates over a small step in the face's own parameters.
-    fn differences(&self, geometry: &Geometry, name: &str, place: Place) -> Option<[Vec2; 2]> {
+    fn differences(&self, geometry: &Geometry, slot: usize, place: Place) -> [Vec2; 2] {
         const STEP: f32 = 1e-3;
         let Place { face, uv } = place;
         let step = Vec2::new(
@@ -205,14 +179,28 @@ impl Shape {
         );
         let st = |uv: Vec2| {
             let mut out = [0.0; 2];
-            self.primvar(geometry, name, Place { face, uv }, &mut out)
-                .then_some(Vec2::from(out))
+            self.primvar(geometry, slot, Place { face, uv }, &mut out);
+            Vec2::from(out)
         };
-        let here = st(uv)?;
-        Some([
-            (st(uv + Vec2::new(step.x, 0.0))? - here) / step.x,
-            (st(uv + Vec2::new(0.0, step.y))? - here) / step.y,
-        ])
+        let here = st(uv);
+        [
+            (st(uv + Vec2::new(step.x, 0.0)) - here) / step.x,
+            (st(uv + Vec2::new(0.0, step.y)) - here) / step.y,
+        ]
+    }
+}
+
+impl Surface {
+    /// The slot of a primvar with the components that are read.
+    pub(super) fn slot(&self, read: &Read) -> Option<usize> {
+        match self {
+            Self::Subdivision { primvars } => embree_slot(primvars, read),
+            Self::Smooth(Smooth { carrier, .. }) => carrier.slot(&read.name, read.width),
+            Self::Polygons(Polygons { mesh, .. }) => {
+                let fits = |p: &Primvar| p.name == read.name && p.width as usize >= read.width;
+                mesh.primvars.iter().position(fits)
+            }
+        }
     }
 }
 
@@ -281,17 +269,7 @@ impl Smooth {
 }
 
 impl Polygons {
-    /// Blends a primvar over a triangle; false if there is none of this name and width.
-    pub(super) fn primvar(&self, name: &str, triangle: u32, uv: Vec2, out: &mut [f32]) -> bool {
-        match self.mesh.primvar(name) {
-            Some(primvar) if primvar.width as usize >= out.len() => {
-                self.blend(primvar, triangle, uv, out);
-                true
-            }
-            _ => false,
-        }
-    }
-
+    /// The first components of a primvar of the mesh over a triangle.
     fn blend(&self, primvar: &Primvar, triangle: u32, uv: Vec2, out: &mut [f32]) {
         match primvar.interpolation {
             Interpolation::Constant => out.copy_from_slice(&primvar.get(0)[..out.len()]),
@@ -344,6 +322,9 @@ impl Polygons {
             let n = towards * Vec3::from(n).normalize_or_zero();
             position -= weight * (at.position - corner).dot(n).min(0.0) * n;
         }
-        Some(SmoothPoint { position, normal })
+        Some(SmoothPoint {
+            position,
+            normal: normal.normalize_or_zero(),
+        })
     }
 }

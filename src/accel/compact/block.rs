@@ -13,7 +13,7 @@
 //! fields of one axis hold the heights and those of the others little more than their roundings.
 
 use super::super::simd::{FIELD_PADDING, WIDEST};
-use super::lattice::{Extent, REACH};
+use crate::accel::lattice::{Extent, REACH};
 
 /// Vertices along a block's side.
 pub(super) const SIDE: usize = 8;

@@ -1,36 +1,31 @@
 //! Building: bands of a face are diced, rounded, written and forgotten.
 //!
-//! A band is a row of the lowest nodes: 28 rows of quads. Bands are made in parallel, a batch at a time, and joined in
+//! A band is a row of patches. Bands are made in parallel, a batch at a time, and joined in
 //! order: the bytes are the same for any number of threads, and beside the result only a batch's bands and one band of
 //! floats a thread exist.
-
-use std::collections::HashMap;
 
 use rayon::prelude::*;
 
 use super::block::{CELLS, PADDING, SIDE, UNIT, Vertices};
-use super::lattice::{Extent, Lattice};
-use super::tree::Node;
+use super::patch::{FAN, Node, Patch, SPAN};
 use super::{Accuracy, Compact, CompactOptions, Face};
-use crate::accel::shape::{FAN, Shape};
+use crate::accel::lattice::{Extent, Lattice};
 use crate::accel::simd::Isa;
+use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
-/// The usual bound on the error, in diagonals of the object: the root of the mean square of the distance to the
-/// surface, which is a third of it, then is below 1e-5.
-const USUAL_ERROR: f32 = 2.4e-5;
+/// The usual bound on the error, in diagonals of the object. Roundings are even within a cube: along a normal, the root
+/// of their mean square is a third of the bound at a vertex and 1 / sqrt(18) of it over a triangle, here below 1e-5.
+const USUAL_ERROR: f32 = 3.6e-5;
 
 /// Bands that are in work at once.
 const BATCH: usize = 256;
 
-/// Quads along a band.
-const BAND: usize = FAN * CELLS;
-
 /// A band of a face at one motion key.
 struct Band {
-    /// The lowest nodes, with what they enclose.
+    /// A node for each patch, and what it encloses.
     nodes: Vec<(Node, Extent)>,
     data: Vec<u8>,
     /// Squared distances that its vertices were moved by.
@@ -120,10 +115,9 @@ struct Builder<'a> {
     largest: f64,
     squares: f64,
     vertices: usize,
-    /// The number of each size's shape.
-    shapes: HashMap<[u16; 2], u32>,
-    /// The lowest nodes of the face at hand, and what they enclose.
-    pending: Vec<(Node, Extent)>,
+    /// What each patch encloses and its node, if it has one, by motion key.
+    extents: Vec<Vec<Extent>>,
+    nodes: Vec<Vec<Option<Node>>>,
 }
 
 impl<'a> Builder<'a> {
@@ -144,8 +138,9 @@ impl<'a> Builder<'a> {
             reach: 0.0,
             keys: base.keys(),
             left_handed: base.left_handed(),
-            faces: Vec::with_capacity(grids.len()),
-            shapes: Vec::new(),
+            faces: grids.iter().map(face).collect(),
+            top: Top::default(),
+            patches: Vec::new(),
             nodes: Vec::new(),
             data: Vec::new(),
             accuracy: Accuracy::default(),
@@ -159,8 +154,8 @@ impl<'a> Builder<'a> {
             largest: 0.0,
             squares: 0.0,
             vertices: 0,
-            shapes: HashMap::new(),
-            pending: Vec::new(),
+            extents: vec![Vec::new(); shared.len()],
+            nodes: vec![Vec::new(); shared.len()],
         }
     }
 
@@ -168,7 +163,7 @@ impl<'a> Builder<'a> {
         let mut places = Vec::with_capacity(BATCH);
         let all = self.grids.len();
         for grid in 0..all {
-            let bands = usize::from(self.grids[grid].size[1]).div_ceil(BAND);
+            let bands = usize::from(self.grids[grid].size[1]).div_ceil(SPAN);
             for key in 0..self.built.keys {
                 for row in 0..bands {
                     places.push(Place { grid, key, row });
@@ -189,7 +184,26 @@ impl<'a> Builder<'a> {
         let mut built = self.built;
         built.data.resize(built.data.len() + PADDING, 0);
         built.data.shrink_to_fit();
-        built.nodes.shrink_to_fit();
+        let extents = self.extents.iter().flatten();
+        let all = extents.copied().fold(Extent::EMPTY, Extent::union);
+        if !all.is_empty() {
+            let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
+            built.reach = (0..3).map(largest).max().unwrap_or(0) as f32;
+        }
+        let (top, order) = Top::new(&self.extents);
+        built.top = top;
+        let mut patches = Vec::with_capacity(order.len());
+        let with_node = self.nodes.iter().flatten().flatten().count();
+        let mut nodes = Vec::with_capacity(with_node);
+        for number in order.into_iter().map(|number| number as usize) {
+            let mut patch = built.patches[number];
+            if self.nodes[0][number].is_some() {
+                patch.root = nodes.len() as u32;
+                nodes.extend(self.nodes.iter().filter_map(|key| key[number]));
+            }
+            patches.push(patch);
+        }
+        (built.patches, built.nodes) = (patches, nodes);
         built.accuracy = Accuracy {
             max: self.largest.sqrt(),
             rms: (self.squares / self.vertices.max(1) as f64).sqrt(),
@@ -231,8 +245,8 @@ impl<'a> Builder<'a> {
     ) -> Result<Band, Stop> {
         let grid = &self.grids[place.grid];
         let [nu, nv] = grid.size.map(usize::from);
-        let first = BAND * place.row;
-        let last = (first + BAND).min(nv);
+        let first = SPAN * place.row;
+        let last = (first + SPAN).min(nv);
         let stride = nu + 1;
         points.clear();
         points.resize(stride * (last - first + 1), Vec3::ZERO);
@@ -245,7 +259,7 @@ impl<'a> Builder<'a> {
             points,
         );
         let mut band = Band {
-            nodes: Vec::with_capacity(nu.div_ceil(BAND)),
+            nodes: Vec::with_capacity(nu.div_ceil(SPAN)),
             data: Vec::new(),
             largest: 0.0,
             squares: 0.0,
@@ -259,11 +273,11 @@ impl<'a> Builder<'a> {
             band.largest = band.largest.max(off);
             band.squares += off;
         }
-        for left in (0..nu).step_by(BAND) {
+        for left in (0..nu).step_by(SPAN) {
             let start = (band.data.len() / UNIT) as u32;
             let mut children = [Extent::EMPTY; 16];
             let mut sizes = [0; 16];
-            let fan = |from: usize, n: usize| (n - from).min(BAND).div_ceil(CELLS);
+            let fan = |from: usize, n: usize| (n - from).min(SPAN).div_ceil(CELLS);
             for (cj, ci) in
                 (0..fan(first, last)).flat_map(|cj| (0..fan(left, nu)).map(move |ci| (cj, ci)))
             {
@@ -294,79 +308,37 @@ impl<'a> Builder<'a> {
         Ok(band)
     }
 
-    /// Adds a band. The last one of a face completes its tree.
+    /// Adds a band.
     fn join(&mut self, place: Place, band: Band) {
         let built = &mut self.built;
-        let grid = &self.grids[place.grid];
-        let number = *self.shapes.entry(grid.size).or_insert_with(|| {
-            // What moves has a node in any case: it says where the block of each motion key is.
-            let blocks = grid.size.map(|n| n.div_ceil(CELLS as u16));
-            built.shapes.push(Shape::new(blocks, built.keys > 1));
-            built.shapes.len() as u32 - 1
-        });
-        let shape = built.shapes[number as usize];
         let start = (built.data.len() / UNIT) as u32;
-        if place.key == 0 && place.row == 0 {
-            built.faces.push(Face {
-                face: grid.face,
-                size: grid.size,
-                segments: grid.segments,
-                root: if shape.levels() == 0 {
-                    start
-                } else {
-                    built.nodes.len() as u32
-                },
-                shape: number,
-            });
-        }
+        built.data.extend_from_slice(&band.data);
         self.largest = self.largest.max(band.largest);
         self.squares += band.squares;
         self.vertices += band.vertices;
-        built.data.extend_from_slice(&band.data);
-        self.pending
-            .extend(band.nodes.into_iter().map(|(mut node, extent)| {
-                node.data += start;
-                (node, extent)
-            }));
-        if (place.row + 1) * BAND < usize::from(grid.size[1]) {
-            return;
-        }
-        for (_, extent) in &self.pending {
-            for k in 0..3 {
-                let largest = extent.min[k].abs().max(extent.max[k].abs());
-                built.reach = built.reach.max(largest as f32);
+        let key = place.key as usize;
+        for (column, (mut node, extent)) in band.nodes.into_iter().enumerate() {
+            node.data += start;
+            let patch = Patch {
+                face: place.grid as u32,
+                column: column as u16,
+                row: place.row as u16,
+                root: node.data,
+            };
+            if key == 0 {
+                built.patches.push(patch);
             }
+            let has_node = built.has_node(&built.fan(&patch));
+            self.nodes[key].push(has_node.then_some(node));
+            self.extents[key].push(extent);
         }
-        if shape.levels() == 0 {
-            self.pending.clear();
-            return;
-        }
-        // From the lowest level up; the root is stored first.
-        let first = built.nodes.len();
-        let empty = Node::new(&[Extent::EMPTY; 16], 0, [0; 16]);
-        built.nodes.resize(first + shape.nodes(), empty);
-        let mut below: Vec<Extent> = Vec::new();
-        for level in 1..=shape.levels() {
-            let [columns, rows] = shape.size(level);
-            let mut extents = Vec::with_capacity(columns * rows);
-            for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
-                let (node, extent) = if level == 1 {
-                    self.pending[j * columns + i]
-                } else {
-                    let mut children = [Extent::EMPTY; 16];
-                    let [fan, fans] = shape.fan(level, i, j);
-                    for (cj, ci) in (0..fans).flat_map(|cj| (0..fan).map(move |ci| (cj, ci))) {
-                        children[FAN * cj + ci] =
-                            below[(FAN * j + cj) * shape.size(level - 1)[0] + FAN * i + ci];
-                    }
-                    let all = children.iter().fold(Extent::EMPTY, |a, b| a.union(*b));
-                    (Node::new(&children, 0, [0; 16]), all)
-                };
-                built.nodes[first + shape.node(level, i, j)] = node;
-                extents.push(extent);
-            }
-            below = extents;
-        }
-        self.pending.clear();
+    }
+}
+
+fn face(grid: &FaceGrid) -> Face {
+    Face {
+        face: grid.face,
+        size: grid.size,
+        segments: grid.segments,
     }
 }

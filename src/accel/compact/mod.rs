@@ -6,9 +6,9 @@
 //! leaves hold a compact approximation of the displaced geometry itself, so that fine displacement is not lost.
 //!
 //! ```text
-//!   Embree's tree          one primitive a face
-//!     face                 its rates, and where its tree starts                              24 bytes
-//!       nodes              4 x 4 children: 6 x 16 planes of a byte, a frame, block sizes    128 bytes for 16 blocks
+//!   tree over patches      see `top`                                                  some 9 bytes a patch
+//!     patch                where in which face, and where its node is                           12 bytes
+//!       node               4 x 4 blocks: 6 x 16 planes of a byte, a frame, sizes               128 bytes
 //!         blocks           7 x 7 quads: head of 24 bytes, 64 vertices of some 5 to 15 bits
 //! ```
 //!
@@ -19,34 +19,35 @@
 //! its edges at once, of which only the few triangles around the ray are computed any further.
 //!
 //! We differ from the paper, whose tables are not public, in this: the lattice is the object's and not a patch's, so
-//! that borders need no stitching; a node has sixteen children, and its boxes a frame of its own on that lattice rather
-//! than the decoded parent's, since 16 bytes for 16 blocks buy exact decoding without a stack of boxes; leaves are as
-//! large as two registers of vertices are, as decoding and testing 98 triangles at once costs less than descending
-//! to a few of them; and vertices are predicted by a plane and a direction of displacement (see `block`).
+//! that borders need no stitching; patches are parts of faces, of up to 28 x 28 quads, and the tree above them is chosen
+//! by their boxes, since that costs less than the complete tree over a face and fits better; a node has sixteen
+//! children, and its boxes a frame of its own on that lattice rather than the decoded parent's, since 16 bytes for 16
+//! blocks buy exact decoding without a stack of boxes; leaves are as large as two registers of vertices are, as
+//! decoding and testing 98 triangles at once costs less than descending to a few of them; and vertices are predicted by
+//! a plane and a direction of displacement (see `block`).
 
 mod block;
 mod build;
-mod lattice;
+mod patch;
 #[cfg(test)]
 mod tests;
 mod traverse;
-mod tree;
 
+use super::lattice::Lattice;
 use super::moment::Moment;
-use super::shape::{FAN, Shape};
 use super::simd::Isa;
+use super::top::Top;
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
 use crate::surface::FaceGrid;
-use block::{CELLS, Head};
-use lattice::{Extent, Lattice};
+use block::{CELLS, Head, SIDE};
+use patch::{FAN, Fan, Node, Patch, SPAN};
 use traverse::Met;
-use tree::Node;
 
 /// How to compress.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CompactOptions {
-    /// The farthest that a micro-vertex may be moved, in units of the object, above 0. By default it is 2.4e-5
+    /// The farthest that a micro-vertex may be moved, in units of the object, above 0. By default it is 3.6e-5
     /// diagonals of the object.
     pub max_error: Option<f32>,
 }
@@ -68,25 +69,23 @@ pub struct Compact {
     reach: f32,
     keys: u32,
     left_handed: bool,
+    /// Those that are not holes.
     faces: Vec<Face>,
-    /// Shapes of trees, one for each size of faces.
-    shapes: Vec<Shape>,
-    /// Each face's trees, key by key.
+    /// The tree over the patches, which are in its order.
+    top: Top,
+    patches: Vec<Patch>,
+    /// Patch by patch, at each motion key.
     nodes: Vec<Node>,
     data: Vec<u8>,
     accuracy: Accuracy,
 }
 
-/// A face that is not a hole.
+/// How a face is diced.
 #[derive(Debug, Clone, Copy)]
 struct Face {
     face: u32,
     size: [u16; 2],
     segments: [u16; 4],
-    /// The root of its first tree, or where its block starts if it is but one.
-    root: u32,
-    /// The number of its tree's shape.
-    shape: u32,
 }
 
 impl Compact {
@@ -95,69 +94,51 @@ impl Compact {
         self.accuracy
     }
 
-    /// Bytes of faces with the shapes of their trees, of nodes, and blocks.
+    /// Bytes of faces, patches and the tree above, of nodes, and of blocks.
     pub fn parts(&self) -> [usize; 3] {
         [
-            size_of_val(self.faces.as_slice()) + size_of_val(self.shapes.as_slice()),
+            self.top.memory()
+                + size_of_val(self.faces.as_slice())
+                + size_of_val(self.patches.as_slice()),
             size_of_val(self.nodes.as_slice()),
             self.data.len(),
         ]
     }
 
     #[inline(always)]
-    fn shape(&self, face: &Face) -> &Shape {
-        &self.shapes[face.shape as usize]
+    fn fan(&self, patch: &Patch) -> Fan {
+        patch.fan(self.faces[patch.face as usize].size)
     }
 
-    /// A block's head at a motion key.
+    /// The head of a patch's block at a motion key.
     #[inline(always)]
-    fn head(&self, face: &Face, shape: &Shape, [i, j]: [usize; 2], key: usize) -> Head {
-        let at = if shape.levels() == 0 {
-            face.root as usize * block::UNIT
+    fn head(&self, patch: &Patch, fan: &Fan, block: usize, key: usize) -> Head {
+        let root = patch.root as usize;
+        let at = if self.has_node(fan) {
+            self.nodes[root + key].block(block)
         } else {
-            let node = shape.node(1, i / FAN, j / FAN) + key * shape.nodes();
-            let child = j % FAN * FAN + i % FAN;
-            self.nodes[face.root as usize + node].block(child)
+            root * block::UNIT
         };
-        let [nu, nv] = face.size.map(usize::from);
-        let vertices = [
-            (nu - CELLS * i).min(CELLS) + 1,
-            (nv - CELLS * j).min(CELLS) + 1,
-        ];
-        Head::read(&self.data, at, vertices)
+        Head::read(&self.data, at, fan.cells_of(block).map(|n| n + 1))
     }
 
-    /// All that a face shows at a motion key.
-    fn extent(&self, face: &Face, key: usize) -> Extent {
-        let shape = self.shape(face);
-        if shape.levels() > 0 {
-            let node = &self.nodes[face.root as usize + key * shape.nodes()];
-            let [columns, rows] = shape.fan(shape.levels(), 0, 0);
-            return (0..rows)
-                .flat_map(|j| (0..columns).map(move |i| FAN * j + i))
-                .fold(Extent::EMPTY, |all, c| all.union(node.child(c)));
-        }
-        let head = self.head(face, shape, [0, 0], key);
-        let [nu, nv] = face.size.map(usize::from);
-        (0..=nv)
-            .flat_map(|j| (0..=nu).map(move |i| (i, j)))
-            .fold(Extent::EMPTY, |all, (i, j)| {
-                all.including(head.vertex(&self.data, i, j))
-            })
+    #[inline(always)]
+    fn has_node(&self, fan: &Fan) -> bool {
+        self.keys > 1 || !fan.is_single()
     }
 
     /// The corners of a triangle, where they are at a time.
-    fn corners(&self, face: &Face, met: &Met, moment: &Moment) -> [DVec3; 3] {
-        let shape = self.shape(face);
-        let [bi, bj] = [met.column / CELLS, met.row / CELLS];
-        let (i, j) = (met.column % CELLS, met.row % CELLS);
+    fn corners(&self, met: &Met, moment: &Moment) -> [DVec3; 3] {
+        let patch = &self.patches[met.patch as usize];
+        let fan = self.fan(patch);
+        let (i, j) = (met.cell % SIDE, met.cell / SIDE);
         let corners = if met.second {
             [(i + 1, j + 1), (i, j + 1), (i + 1, j)]
         } else {
             [(i, j), (i + 1, j), (i, j + 1)]
         };
         let at = |key: usize| {
-            let head = self.head(face, shape, [bi, bj], key);
+            let head = self.head(patch, &fan, met.block, key);
             corners.map(|(i, j)| self.lattice.position(head.vertex(&self.data, i, j)))
         };
         let from = at(moment.from);
@@ -169,8 +150,8 @@ impl Compact {
         std::array::from_fn(|k| from[k].lerp(to[k], weight))
     }
 
-    fn hit(&self, face: &Face, ray: &Ray, met: &Met) -> Hit {
-        let [a, b, c] = self.corners(face, met, &Moment::new(self.keys, ray.time));
+    fn hit(&self, ray: &Ray, met: &Met) -> Hit {
+        let [a, b, c] = self.corners(met, &Moment::new(self.keys, ray.time));
         let normal = (b - a).cross(c - a);
         let normal = if self.left_handed { -normal } else { normal };
         // Measured rather than estimated, in double precision: the point that whoever reads `t` computes, and the plane.
@@ -178,6 +159,8 @@ impl Compact {
             .normalize_or_zero()
             .dot(ray.at(met.hit.t).as_dvec3() - a)
             .abs();
+        let patch = &self.patches[met.patch as usize];
+        let face = &self.faces[patch.face as usize];
         let grid = FaceGrid {
             face: face.face,
             size: face.size,
@@ -185,7 +168,12 @@ impl Compact {
             first_vertex: 0,
             first_triangle: 0,
         };
-        let cell = met.row as u64 * u64::from(face.size[0]) + met.column as u64;
+        let at = |patch: u16, block: usize, cell: usize| {
+            (SPAN * usize::from(patch) + CELLS * block + cell) as u64
+        };
+        let column = at(patch.column, met.block % FAN, met.cell % SIDE);
+        let row = at(patch.row, met.block / FAN, met.cell / SIDE);
+        let cell = row * u64::from(face.size[0]) + column;
         let triangle = 2 * cell + u64::from(met.second);
         Hit {
             t: met.hit.t,
@@ -199,26 +187,23 @@ impl Compact {
 
 impl Intersector for Compact {
     fn primitives(&self) -> u32 {
-        self.faces.len() as u32
+        1
     }
 
     fn keys(&self) -> u32 {
         self.keys
     }
 
-    fn bounds(&self, p: u32, key: u32) -> Bounds3 {
-        let extent = self.extent(&self.faces[p as usize], key as usize);
-        self.lattice.bounds(&extent)
+    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
+        self.lattice.bounds(&self.top.extent(key as usize))
     }
 
-    fn intersect(&self, p: u32, ray: &Ray) -> Option<Hit> {
-        let face = &self.faces[p as usize];
-        let met = self.trace::<false>(face, ray)?;
-        Some(self.hit(face, ray, &met))
+    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
+        self.trace::<false>(ray).map(|met| self.hit(ray, &met))
     }
 
-    fn occluded(&self, p: u32, ray: &Ray) -> bool {
-        self.trace::<true>(&self.faces[p as usize], ray).is_some()
+    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
+        self.trace::<true>(ray).is_some()
     }
 
     fn memory(&self) -> usize {

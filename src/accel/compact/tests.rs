@@ -7,9 +7,10 @@ use proptest::prelude::*;
 use rayon::prelude::*;
 
 use super::block::{PADDING, SIDE, Vertices};
-use super::lattice::LatticeRay;
 use super::*;
+use crate::accel::lattice::{Extent, LatticeRay};
 use crate::accel::tests::random_ray;
+use crate::accel::top::Child;
 use crate::accel::triangle::origin_in;
 use crate::math::Vec3;
 use crate::surface::tests::shapes::{Patches, Random};
@@ -26,26 +27,42 @@ fn usual(surface: &Surface) -> Compact {
 
 impl Compact {
     /// A vertex of a face on the lattice.
-    fn vertex(&self, face: &Face, i: usize, j: usize, key: usize) -> [i32; 3] {
-        let [nu, nv] = face.size.map(usize::from);
-        // The last vertices belong to the last blocks.
-        let block = [i.min(nu - 1) / CELLS, j.min(nv - 1) / CELLS];
-        let head = self.head(face, self.shape(face), block, key);
-        head.vertex(&self.data, i - CELLS * block[0], j - CELLS * block[1])
+    fn vertex(&self, face: usize, i: usize, j: usize, key: usize) -> [i32; 3] {
+        // The last vertices belong to the last patches and blocks.
+        let [nu, nv] = self.faces[face].size.map(usize::from);
+        let (x, y) = (i.min(nu - 1), j.min(nv - 1));
+        let is_in = |patch: &&Patch| {
+            let place = [patch.column, patch.row].map(usize::from);
+            patch.face as usize == face && place == [x / SPAN, y / SPAN]
+        };
+        let patch = self.patches.iter().find(is_in).expect("it is in a patch");
+        let (column, row) = (x % SPAN / CELLS, y % SPAN / CELLS);
+        let head = self.head(patch, &self.fan(patch), FAN * row + column, key);
+        head.vertex(
+            &self.data,
+            i - x / SPAN * SPAN - CELLS * column,
+            j - y / SPAN * SPAN - CELLS * row,
+        )
     }
 
-    fn first_hit(&self, ray: &Ray) -> Option<(u32, Hit)> {
-        (0..self.primitives())
-            .filter_map(|p| Some((p, self.intersect(p, ray)?)))
-            .min_by(|a, b| a.1.t.total_cmp(&b.1.t))
+    /// All vertices of a patch's block.
+    fn content(&self, patch: &Patch, block: usize, key: usize) -> Extent {
+        let fan = self.fan(patch);
+        let head = self.head(patch, &fan, block, key);
+        let [columns, rows] = fan.cells_of(block);
+        (0..=rows)
+            .flat_map(|j| (0..=columns).map(move |i| (i, j)))
+            .fold(Extent::EMPTY, |all, (i, j)| {
+                all.including(head.vertex(&self.data, i, j))
+            })
     }
 
     /// The nearest `t` on a face, triangle by triangle, in the arithmetic of the traversal.
-    fn one_by_one(&self, face: &Face, ray: &Ray) -> Option<f32> {
+    fn one_by_one(&self, face: usize, ray: &Ray) -> Option<f32> {
         let on_lattice = LatticeRay::new(&self.lattice, ray, self.reach);
         let LatticeRay { origin, k, s, .. } = on_lattice;
         let moment = Moment::new(self.keys, ray.time);
-        let [nu, nv] = face.size.map(usize::from);
+        let [nu, nv] = self.faces[face].size.map(usize::from);
         let vertices: Vec<[f32; 3]> = (0..=nv)
             .flat_map(|j| (0..=nu).map(move |i| (i, j)))
             .map(|(i, j)| {
@@ -89,21 +106,20 @@ fn every_instruction_set_hits_what_single_triangles_do() {
                 let mut hits = 0;
                 for _ in 0..30 {
                     let ray = random_ray(&mut random);
-                    for p in 0..tree.primitives() {
-                        let expected = tree.one_by_one(&tree.faces[p as usize], &ray);
-                        hits += usize::from(expected.is_some());
-                        for isa in Isa::all() {
-                            tree.isa = isa;
-                            let got = tree.intersect(p, &ray);
-                            assert_eq!(got.map(|hit| hit.t), expected, "{shape} {kind} {isa:?}");
-                            assert_eq!(tree.occluded(p, &ray), expected.is_some());
-                            if let Some(hit) = got {
-                                assert!(hit.error < 1e-5 && hit.normal.is_finite(), "{hit:?}");
-                                assert_eq!(hit.face, tree.faces[p as usize].face);
-                                let box_ = tree.bounds(p, 0).union(tree.bounds(p, tree.keys - 1));
-                                let at = ray.at(hit.t);
-                                assert_eq!(box_, box_.including(at), "{shape} {kind}");
-                            }
+                    let faces =
+                        (0..tree.faces.len()).filter_map(|face| tree.one_by_one(face, &ray));
+                    let expected = faces.min_by(f32::total_cmp);
+                    hits += usize::from(expected.is_some());
+                    for isa in Isa::all() {
+                        tree.isa = isa;
+                        let got = tree.intersect(0, &ray);
+                        assert_eq!(got.map(|hit| hit.t), expected, "{shape} {kind} {isa:?}");
+                        assert_eq!(tree.occluded(0, &ray), expected.is_some());
+                        if let Some(hit) = got {
+                            assert!(hit.error < 1e-5 && hit.normal.is_finite(), "{hit:?}");
+                            let box_ = tree.bounds(0, 0).union(tree.bounds(0, tree.keys - 1));
+                            let at = ray.at(hit.t);
+                            assert_eq!(box_, box_.including(at), "{shape} {kind}");
                         }
                     }
                 }
@@ -128,8 +144,7 @@ fn hits_are_those_of_the_plain_tree_but_for_the_error() {
             let (mut near, mut all) = (0, 0);
             for _ in 0..300 {
                 let ray = random_ray(&mut random);
-                let (Some(a), Some((_, b))) = (plain.intersect(0, &ray), tree.first_hit(&ray))
-                else {
+                let (Some(a), Some(b)) = (plain.intersect(0, &ray), tree.intersect(0, &ray)) else {
                     continue;
                 };
                 let cos = a.normal.normalize().dot(ray.direction.normalize()).abs();
@@ -156,7 +171,7 @@ fn vertices_are_as_near_to_the_dicing_as_promised() {
                 };
                 let tree = compact(&surface, &rates, options);
                 let (mut largest, mut sum, mut count) = (0.0_f64, 0.0, 0);
-                for (face, grid) in tree.faces.iter().zip(diced.grids()) {
+                for (face, grid) in diced.grids().iter().enumerate() {
                     let [nu, nv] = grid.size;
                     for (i, j) in (0..=nv).flat_map(|j| (0..=nu).map(move |i| (i, j))) {
                         for key in 0..2 {
@@ -182,38 +197,47 @@ fn vertices_are_as_near_to_the_dicing_as_promised() {
 
 #[test]
 fn every_box_encloses_what_is_below_it() {
-    fn walk(tree: &Compact, face: &Face, shape: &Shape, at: [usize; 3], key: usize) -> Extent {
-        let [level, i, j] = at;
-        if level == 0 {
-            let [nu, nv] = face.size.map(usize::from);
-            let vertices = (CELLS * j..=(CELLS * (j + 1)).min(nv))
-                .flat_map(|y| (CELLS * i..=(CELLS * (i + 1)).min(nu)).map(move |x| (x, y)));
-            let head = tree.head(face, shape, [i, j], key);
-            return vertices.fold(Extent::EMPTY, |all, (x, y)| {
-                all.including(head.vertex(&tree.data, x - CELLS * i, y - CELLS * j))
-            });
-        }
-        let number = shape.node(level, i, j) + key * shape.nodes();
-        let node = &tree.nodes[face.root as usize + number];
-        let [columns, rows] = shape.fan(level, i, j);
+    /// What is below a child of the tree over patches, which the given boxes enclose.
+    fn walk(tree: &Compact, child: Child, key: usize) -> Extent {
         let mut all = Extent::EMPTY;
-        for (cj, ci) in (0..rows).flat_map(|cj| (0..columns).map(move |ci| (cj, ci))) {
-            let below = [level - 1, FAN * i + ci, FAN * j + cj];
-            let content = walk(tree, face, shape, below, key);
-            let child = node.child(FAN * cj + ci);
-            assert_eq!(child, child.union(content), "{face:?} {at:?}");
+        let mut below = |around: Extent, content: Extent| {
+            assert_eq!(around, around.union(content), "{child:?}");
             all = all.union(content);
+        };
+        match child {
+            Child::Node(number) => {
+                let node = tree.top.node(number, key);
+                for c in 0..node.children() {
+                    below(node.boxes.get(c), walk(tree, node.child(c), key));
+                }
+            }
+            Child::Patch(number) => {
+                let patch = &tree.patches[number as usize];
+                let fan = tree.fan(patch);
+                for block in (0..16).filter(|block| fan.there() >> block & 1 == 1) {
+                    let content = tree.content(patch, block, key);
+                    let around = if tree.has_node(&fan) {
+                        tree.nodes[patch.root as usize + key].boxes.get(block)
+                    } else {
+                        content
+                    };
+                    below(around, content);
+                }
+            }
         }
         all
     }
     for (shape, base) in closed() {
         for (kind, displacement) in displacements(0.2) {
-            let tree = usual(&surface(base.clone().moving(|p| 1.5 * p), displacement));
-            for (p, face) in (0..).zip(&tree.faces) {
-                let all = tree.shape(face);
-                for key in 0..2 {
-                    let content = walk(&tree, face, all, [all.levels(), 0, 0], key);
-                    let bounds = tree.bounds(p, key as u32);
+            for base in [base.clone(), base.clone().moving(|p| 1.5 * p)] {
+                let surface = surface(base, displacement.clone());
+                // Faces of many patches, and of less than a block.
+                let rates = Rates::by_edge(&surface, |edge| if edge % 2 == 0 { 3 } else { 40 });
+                let tree = compact(&surface, &rates, CompactOptions::default());
+                for key in 0..tree.keys {
+                    let root = tree.top.root().expect("there are faces");
+                    let content = walk(&tree, root, key as usize);
+                    let bounds = tree.bounds(0, key);
                     for corner in [content.min, content.max] {
                         let at = tree.lattice.position(corner).as_vec3();
                         assert_eq!(bounds, bounds.including(at), "{shape} {kind}");
@@ -245,7 +269,7 @@ fn no_ray_escapes() {
                     .filter(|&i| {
                         let mut ray = leaks::ray(&diced, *inside, i, &mut random);
                         ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
-                        !(0..tree.primitives()).any(|p| tree.occluded(p, &ray))
+                        !tree.occluded(0, &ray)
                     })
                     .count();
                 if escaped > 0 {
@@ -271,6 +295,8 @@ fn bytes_do_not_depend_on_threads() {
     });
     assert_eq!(built[0].data, built[1].data);
     assert_eq!(built[0].nodes, built[1].nodes);
+    assert_eq!(built[0].patches, built[1].patches);
+    assert!(built[0].top == built[1].top);
     assert_eq!(built[0].accuracy, built[1].accuracy);
 }
 
@@ -307,28 +333,28 @@ fn an_interval_is_open_and_both_sides_are_hit() {
         CompactOptions::default(),
     );
     let ray = Ray::new(Vec3::new(0.1, 0.2, 3.0), -Vec3::Z, 0.0);
-    let (_, first) = tree.first_hit(&ray).expect("a hit");
+    let first = tree.intersect(0, &ray).expect("a hit");
     assert!((first.t - 2.0).abs() < 1e-4 && first.face == 0, "{first:?}");
     assert!(first.normal.z > 0.0 && (first.uv - Vec2::new(0.55, 0.6)).length() < 1e-3);
     let beyond = Ray {
         t_min: first.t,
         ..ray
     };
-    let (_, second) = tree.first_hit(&beyond).expect("the other side");
+    let second = tree.intersect(0, &beyond).expect("the other side");
     assert!((second.t - 4.0).abs() < 1e-4, "{second:?}");
     let before = Ray {
         t_max: first.t,
         ..ray
     };
-    assert!(tree.first_hit(&before).is_none());
+    assert!(tree.intersect(0, &before).is_none());
     // However long the direction is.
     for scale in [1e-20, 1e-6, 1e6, 1e20] {
         let scaled = Ray::new(ray.origin, scale * ray.direction, 0.0);
-        let (_, hit) = tree.first_hit(&scaled).expect("a hit");
+        let hit = tree.intersect(0, &scaled).expect("a hit");
         assert!((hit.t * scale - first.t).abs() < 1e-5, "{scale}: {hit:?}");
     }
     let empty = self::surface(Patches::empty(), Displacement::None);
-    assert_eq!(usual(&empty).primitives(), 0);
+    assert!(usual(&empty).intersect(0, &ray).is_none());
 }
 
 proptest! {
@@ -386,7 +412,7 @@ proptest! {
         for (c, child) in children.iter().enumerate() {
             prop_assert_eq!(node.block(c), 4 * (100 + c * c.saturating_sub(1) / 2));
             if !child.is_empty() {
-                let decoded = node.child(c);
+                let decoded = node.boxes.get(c);
                 prop_assert_eq!(decoded, decoded.union(*child));
             }
         }

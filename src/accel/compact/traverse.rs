@@ -1,77 +1,131 @@
-//! One ray through one face's tree: the body that each instruction set gets compiled.
+//! One ray through the trees: the body that each instruction set gets compiled.
 //!
 //! Signs of edge functions are exact but for zeros: products round monotonely, so a difference of two rounded ones is
 //! never of the wrong sign. A zero counts for both sides at first; what passes so is decided by
 //! [`origin_in`], corner by corner. Two triangles at an edge see the same products of
 //! the same vertices, in one block or in two.
 
+use arrayvec::ArrayVec;
+
+use super::Compact;
 use super::block::{Axis, CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
-use super::lattice::LatticeRay;
-use super::tree::Node;
-use super::{Compact, Face};
+use super::patch::{Fan, Patch};
+use crate::accel::boxes::Boxes;
+use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::shape::{FAN, Shape};
 use crate::accel::simd::{Body, LANES, Lanes, NARROW};
+use crate::accel::top::{self, Child};
 use crate::accel::triangle::{TriangleHit, origin_in};
 use crate::math::Ray;
 
-/// Where a ray met a face.
+/// Where a ray met a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Met {
     pub(super) hit: TriangleHit,
-    /// The quad, and whether it is its second triangle.
-    pub(super) column: usize,
-    pub(super) row: usize,
+    pub(super) patch: u32,
+    /// The block in the patch.
+    pub(super) block: usize,
+    /// The quad in the block, whose rows are [`SIDE`] apart, and whether it is its second triangle.
+    pub(super) cell: usize,
     pub(super) second: bool,
 }
 
 impl Compact {
-    /// The nearest triangle of a face, or `ANY` one.
+    /// The nearest triangle, or `ANY` one.
     #[inline]
-    pub(super) fn trace<const ANY: bool>(&self, face: &Face, ray: &Ray) -> Option<Met> {
+    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
         if self.keys == 1 {
-            self.isa.run(Trace::<ANY, false> {
-                compact: self,
-                face,
-                ray,
-            })
+            self.isa.run(Trace::<ANY, false> { compact: self, ray })
         } else {
-            self.isa.run(Trace::<ANY, true> {
-                compact: self,
-                face,
-                ray,
-            })
+            self.isa.run(Trace::<ANY, true> { compact: self, ray })
         }
     }
 }
 
 struct Trace<'a, const ANY: bool, const MOVES: bool> {
     compact: &'a Compact,
-    face: &'a Face,
     ray: &'a Ray,
 }
 
-/// What waits to be visited: each of the five levels leaves fifteen of its children behind.
-const MOST_WAITING: usize = 5 * 15 + 1;
+/// What waits to be visited: each level leaves fifteen of its children behind.
+const MOST_WAITING: usize = 15 * (top::MOST_LEVELS + 1) + 1;
 
 /// An entry of the stack: where the ray enters, above the place; so that integers compare as distances do.
 #[derive(Clone, Copy, PartialEq, PartialOrd)]
 struct Waiting(u64);
 
+/// What waits.
+enum Place {
+    Node(u32),
+    Patch(u32),
+    /// Of the patch at hand.
+    Block(usize),
+}
+
 impl Waiting {
+    const PATCH: u32 = 1 << 31;
+    const NODE: u32 = 1 << 30;
+
     #[inline(always)]
-    fn new(near: f32, level: usize, i: usize, j: usize) -> Self {
-        Self(u64::from(near.to_bits()) << 32 | (level << 20 | j << 10 | i) as u64)
+    fn child(near: f32, child: Child) -> Self {
+        let place = match child {
+            Child::Patch(patch) => Self::PATCH | patch,
+            Child::Node(node) => Self::NODE | node,
+        };
+        Self(u64::from(near.to_bits()) << 32 | u64::from(place))
+    }
+    #[inline(always)]
+    fn block(near: f32, block: usize) -> Self {
+        Self(u64::from(near.to_bits()) << 32 | block as u64)
     }
     #[inline(always)]
     fn near(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32)
     }
-    /// Level, column and row.
     #[inline(always)]
-    fn place(self) -> (usize, usize, usize) {
-        let place = self.0 as u32 as usize;
-        (place >> 20, place & 1023, place >> 10 & 1023)
+    fn place(self) -> Place {
+        let place = self.0 as u32;
+        if place & Self::PATCH != 0 {
+            Place::Patch(place & !Self::PATCH)
+        } else if place & Self::NODE != 0 {
+            Place::Node(place & !Self::NODE)
+        } else {
+            Place::Block(place as usize)
+        }
+    }
+}
+
+/// What is to be visited, the nearest of each node's children on top.
+#[derive(Default)]
+struct Stack(ArrayVec<Waiting, MOST_WAITING>);
+
+impl Stack {
+    /// The nearest of children, which are given by bits; the others are put aside.
+    #[inline(always)]
+    fn add(&mut self, mut children: u32, waiting: impl Fn(usize) -> Waiting) -> Option<Waiting> {
+        if children == 0 {
+            return None;
+        }
+        let mut nearest = waiting(children.trailing_zeros() as usize);
+        children &= children - 1;
+        let bottom = self.0.len();
+        while children != 0 {
+            let child = waiting(children.trailing_zeros() as usize);
+            children &= children - 1;
+            let farther = if child < nearest {
+                std::mem::replace(&mut nearest, child)
+            } else {
+                child
+            };
+            self.0.push(farther);
+            let mut at = self.0.len() - 1;
+            while at > bottom && self.0[at - 1] < farther {
+                self.0[at] = self.0[at - 1];
+                at -= 1;
+            }
+            self.0[at] = farther;
+        }
+        Some(nearest)
     }
 }
 
@@ -80,54 +134,60 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self { compact, face, ray } = self;
-        let shape = compact.shape(face);
+        let Self { compact, ray } = self;
+        let root = compact.top.root()?;
         let moment = Moment::new(compact.keys, ray.time);
+        // Replaced before it is looked at: the root leads to a patch.
+        let patch = compact.patches.first()?;
         let mut walk = Walk::<MOVES> {
             compact,
-            face,
-            shape,
+            number: 0,
+            patch,
+            fan: compact.fan(patch),
             moment: &moment,
             world: *ray,
             ray: LatticeRay::new(&compact.lattice, ray, compact.reach),
         };
         let mut nearest = None;
-        let mut stack = [Waiting(0); MOST_WAITING];
-        stack[0] = Waiting::new(0.0, shape.levels(), 0, 0);
-        let mut count = 1;
-        while count > 0 {
-            count -= 1;
-            let next = stack[count];
-            if next.near() > walk.ray.t_max {
-                continue;
-            }
-            let (level, i, j) = next.place();
-            if level == 0 {
-                if let Some(met) = walk.block(lanes, i, j) {
-                    nearest = Some(met);
-                    if ANY {
-                        return nearest;
+        let mut near = [0.0; LANES];
+        let mut stack = Stack::default();
+        let mut next = Some(Waiting::child(0.0, root));
+        while let Some(at) = next {
+            next = match at.place() {
+                Place::Node(node) => {
+                    let hits = walk.children(lanes, node, &mut near);
+                    let node = compact.top.node(node, moment.from);
+                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
+                }
+                Place::Patch(number) => {
+                    walk.enter(number);
+                    // Before all other patches.
+                    if compact.has_node(&walk.fan) {
+                        let hits = walk.blocks(lanes, &mut near);
+                        stack.add(hits, |c| Waiting::block(near[c], c))
+                    } else {
+                        Some(Waiting::block(at.near(), 0))
                     }
-                    walk.world.t_max = met.hit.t;
-                    walk.ray.end(met.hit.t);
                 }
-                continue;
-            }
-            let mut near = [0.0; LANES];
-            let mut hits = walk.children(lanes, level, i, j, &mut near);
-            // Nearest on top.
-            let bottom = count;
-            while hits != 0 {
-                let c = hits.trailing_zeros() as usize;
-                hits &= hits - 1;
-                let child = Waiting::new(near[c], level - 1, FAN * i + c % FAN, FAN * j + c / FAN);
-                let mut at = count;
-                while at > bottom && stack[at - 1] < child {
-                    stack[at] = stack[at - 1];
-                    at -= 1;
+                Place::Block(block) => {
+                    if let Some(met) = walk.block(lanes, block) {
+                        nearest = Some(met);
+                        if ANY {
+                            return nearest;
+                        }
+                        walk.world.t_max = met.hit.t;
+                        walk.ray.end(met.hit.t);
+                    }
+                    None
                 }
-                stack[at] = child;
-                count += 1;
+            };
+            while next.is_none() {
+                let Some(waiting) = stack.0.pop() else {
+                    return nearest;
+                };
+                if waiting.near() <= walk.ray.t_max {
+                    next = Some(waiting);
+                }
             }
         }
         nearest
@@ -136,8 +196,10 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 
 struct Walk<'a, const MOVES: bool> {
     compact: &'a Compact,
-    face: &'a Face,
-    shape: &'a Shape,
+    /// The patch at hand.
+    number: u32,
+    patch: &'a Patch,
+    fan: Fan,
     moment: &'a Moment,
     /// The ray as it was given, and on the lattice; both end at the nearest hit so far.
     world: Ray,
@@ -166,90 +228,51 @@ impl Sheared {
     }
 }
 
-impl<const MOVES: bool> Walk<'_, MOVES> {
+impl<'a, const MOVES: bool> Walk<'a, MOVES> {
     #[inline(always)]
-    fn node(&self, level: usize, i: usize, j: usize, key: usize) -> &Node {
-        let number = self.shape.node(level, i, j) + key * self.shape.nodes();
-        &self.compact.nodes[self.face.root as usize + number]
+    fn enter(&mut self, number: u32) {
+        self.number = number;
+        self.patch = &self.compact.patches[number as usize];
+        self.fan = self.compact.fan(self.patch);
     }
 
-    /// The children that the ray meets, as bits, and where it enters each.
+    /// The children of a node over patches that the ray meets, as bits, and where it enters each.
     #[inline(always)]
-    fn children<L: Lanes>(
-        &self,
-        lanes: L,
-        level: usize,
-        i: usize,
-        j: usize,
-        entries: &mut [f32; LANES],
-    ) -> u32 {
-        let ray = &self.ray;
-        let node = self.node(level, i, j, self.moment.from);
-        let later = self.node(level, i, j, self.moment.to);
-        let mut near = lanes.floats(ray.t_min);
-        let mut far = lanes.floats(ray.t_max);
-        for k in 0..3 {
-            let inverse = ray.inverse[k];
-            let slack = ray.slack.copysign(inverse);
-            let backwards = inverse < 0.0;
-            let (origin, unit) = node.frame(k);
-            let [first, last] = planes(lanes, node, k, backwards);
-            // Planes as t = plane * scale + shift.
-            let (first, last, origin, scale) = if MOVES {
-                let frame = later.frame(k);
-                let [first_later, last_later] = planes(lanes, later, k, backwards);
-                (
-                    self.between(
-                        lanes,
-                        framed(lanes, first, (origin, unit)),
-                        framed(lanes, first_later, frame),
-                    ),
-                    self.between(
-                        lanes,
-                        framed(lanes, last, (origin, unit)),
-                        framed(lanes, last_later, frame),
-                    ),
-                    0.0,
-                    inverse,
-                )
-            } else {
-                (first, last, origin, unit * inverse)
-            };
-            let shift = origin - ray.origin[k];
-            let scale = lanes.floats(scale);
-            let enter = lanes.floats((shift - slack) * inverse);
-            let leave = lanes.floats((shift + slack) * inverse);
-            near = lanes.max(near, lanes.add(lanes.mul(first, scale), enter));
-            far = lanes.min(far, lanes.add(lanes.mul(last, scale), leave));
+    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
+        let at = |key| self.compact.top.node(number, key);
+        let node = at(self.moment.from);
+        let boxes = [node, at(self.moment.to)].map(|node| &node.boxes);
+        self.met(lanes, boxes, entries) & ((1 << node.children()) - 1)
+    }
+
+    /// The same for the blocks of the patch.
+    #[inline(always)]
+    fn blocks<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
+        let root = self.patch.root as usize;
+        let at = |key: usize| &self.compact.nodes[root + key].boxes;
+        let boxes = [at(self.moment.from), at(self.moment.to)];
+        self.met(lanes, boxes, entries) & self.fan.there()
+    }
+
+    #[inline(always)]
+    fn met<L: Lanes>(&self, lanes: L, [from, to]: [&Boxes; 2], entries: &mut [f32; LANES]) -> u32 {
+        if MOVES {
+            from.met_on_the_way(to, self.moment, lanes, &self.ray, entries)
+        } else {
+            from.met(lanes, &self.ray, entries)
         }
-        lanes.store(near, entries);
-        let [columns, rows] = self.shape.fan(level, i, j);
-        let there = (0x1111 * ((1 << columns) - 1)) & ((1 << (FAN * rows)) - 1);
-        lanes.less_equal(near, far) & there
-    }
-
-    /// What lies between two keys. It grows with `a` and with `b`, whatever it rounds: between boxes lies a box that
-    /// holds what lies between their contents.
-    #[inline(always)]
-    fn between<L: Lanes>(&self, lanes: L, a: L::Floats, b: L::Floats) -> L::Floats {
-        let [from, to] = self.moment.weights;
-        lanes.add(
-            lanes.mul(a, lanes.floats(from)),
-            lanes.mul(b, lanes.floats(to)),
-        )
     }
 
     /// The nearest triangle of a block.
     #[inline(always)]
-    fn block<L: Lanes>(&self, lanes: L, i: usize, j: usize) -> Option<Met> {
-        let [nu, nv] = self.face.size.map(usize::from);
-        let [columns, rows] = [(nu - CELLS * i).min(CELLS), (nv - CELLS * j).min(CELLS)];
+    fn block<L: Lanes>(&self, lanes: L, block: usize) -> Option<Met> {
+        let [columns, rows] = self.fan.cells_of(block);
         let mut sheared = Sheared {
             x: [[0.0; LANES]; PAIRS],
             y: [[0.0; LANES]; PAIRS],
             z: [[0.0; LANES]; PAIRS],
         };
-        self.decode(lanes, [i, j], [columns, rows], &mut sheared);
+        self.decode(lanes, block, [columns, rows], &mut sheared);
         let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
         let passed = edges(lanes, &sheared, rows).map(|passed| passed & cells);
 
@@ -276,8 +299,9 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
                 t_max = hit.t;
                 nearest = Some(Met {
                     hit,
-                    column: CELLS * i + cell % SIDE,
-                    row: CELLS * j + cell / SIDE,
+                    patch: self.number,
+                    block,
+                    cell,
                     second,
                 });
             }
@@ -290,17 +314,17 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     fn decode<L: Lanes>(
         &self,
         lanes: L,
-        place: [usize; 2],
+        block: usize,
         [columns, rows]: [usize; 2],
         to: &mut Sheared,
     ) {
         let compact = self.compact;
         let moment = self.moment;
-        let head = compact.head(self.face, self.shape, place, moment.from);
+        let head = compact.head(self.patch, &self.fan, block, moment.from);
         let mut planes = Planes::new(lanes, &head, columns);
         let mut later = planes;
         if MOVES {
-            let head = compact.head(self.face, self.shape, place, moment.to);
+            let head = compact.head(self.patch, &self.fan, block, moment.to);
             later = Planes::new(lanes, &head, columns);
         }
         let LatticeRay { k, origin, s, .. } = self.ray;
@@ -316,9 +340,9 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             if MOVES {
                 let b = later.next(lanes, &compact.data, two);
                 at = [
-                    self.between(lanes, at[0], b[0]),
-                    self.between(lanes, at[1], b[1]),
-                    self.between(lanes, at[2], b[2]),
+                    self.moment.between_lanes(lanes, at[0], b[0]),
+                    self.moment.between_lanes(lanes, at[1], b[1]),
+                    self.moment.between_lanes(lanes, at[2], b[2]),
                 ];
             }
             let x = lanes.sub(at[k[0]], ox);
@@ -329,23 +353,6 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             lanes.store(z, &mut to.z[pair]);
         }
     }
-}
-
-/// The planes that a ray meets first and last along an axis, of all children.
-#[inline(always)]
-fn planes<L: Lanes>(lanes: L, node: &Node, k: usize, backwards: bool) -> [L::Floats; 2] {
-    let (lower, upper) = (lanes.bytes(&node.lower[k]), lanes.bytes(&node.upper[k]));
-    if backwards {
-        [upper, lower]
-    } else {
-        [lower, upper]
-    }
-}
-
-/// Planes out of a node's frame, on the lattice.
-#[inline(always)]
-fn framed<L: Lanes>(lanes: L, planes: L::Floats, (origin, unit): (f32, f32)) -> L::Floats {
-    lanes.add(lanes.mul(planes, lanes.floats(unit)), lanes.floats(origin))
 }
 
 /// A block's prediction, two rows at a time.

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::frame::Frame;
 use super::node::Node;
+use super::shape::{FAN, Shape};
 use super::{Compressed, CompressedOptions, Face, first_quad, leaves};
-use crate::accel::shape::{FAN, Shape};
 use crate::accel::simd::{Isa, LANES};
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};

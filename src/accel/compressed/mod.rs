@@ -27,18 +27,19 @@
 mod build;
 mod frame;
 mod node;
+mod shape;
 #[cfg(test)]
 mod tests;
 mod traverse;
 
 use super::moment::Moment;
-use super::shape::{FAN, Shape};
 use super::simd::Isa;
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 use crate::surface::FaceGrid;
 use frame::Frame;
 use node::Node;
+use shape::{FAN, Shape};
 use traverse::{Boxes, Met};
 
 /// How to compress.

@@ -5,9 +5,9 @@
 
 use super::frame::LocalRay;
 use super::node::Node;
+use super::shape::{FAN, MOST_LEVELS, Shape};
 use super::{Compressed, Face};
 use crate::accel::moment::Moment;
-use crate::accel::shape::{FAN, MOST_LEVELS, Shape};
 use crate::accel::simd::{Body, LANES, Lanes};
 use crate::math::{Bounds3, Ray, Vec3};
 

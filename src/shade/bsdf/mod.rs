@@ -25,9 +25,8 @@ pub mod albedo;
 use std::f32::consts::FRAC_1_PI;
 
 use self::albedo::{Parts, Row};
-use super::camera::concentric_disk;
 use super::microfacet::{Ggx, schlick};
-use crate::math::{Frame, Vec3};
+use crate::math::{Frame, Vec3, concentric_disk};
 
 /// The clear coat's reflectance at normal incidence: a varnish with an index of refraction of 1.5.
 const COAT_F0: f32 = 0.04;
@@ -311,7 +310,7 @@ impl View<'_> {
             }
         };
         let wi = self.bsdf.frame.world_from_local(i).normalize();
-        let value = self.eval(wi);
+        let value = self.eval_at(i, wi);
         (value.pdf > 0.0).then(|| BsdfSample {
             wi,
             value: value.total(),
@@ -329,33 +328,43 @@ impl View<'_> {
     /// As [`Bsdf::eval_all`], towards this viewer.
     #[inline]
     pub fn eval(&self, wi: Vec3) -> BsdfValue {
+        self.eval_at(self.bsdf.frame.local_from_world(wi), wi)
+    }
+
+    /// `i` is `wi` in the shading frame.
+    #[inline]
+    fn eval_at(&self, i: Vec3, wi: Vec3) -> BsdfValue {
         let bsdf = self.bsdf;
-        let i = bsdf.frame.local_from_world(wi);
         if i.z <= 0.0 || wi.dot(bsdf.geometric) <= 0.0 {
             return BsdfValue::default();
         }
-        let cosine = i.z * FRAC_1_PI;
-        let base = BsdfValue {
-            diffuse: bsdf.diffuse * cosine,
-            specular: Vec3::ZERO,
-            pdf: self.pick[2] * cosine,
-        };
         if bsdf.specular.is_none() && bsdf.coat.is_none() {
-            base
+            self.cosine_lobe(i)
         } else {
-            self.with_layers(i, base)
+            self.with_layers(i)
         }
     }
 
-    /// The layers over the cosine lobe `base`, lit from `i` in the shading frame.
-    fn with_layers(&self, i: Vec3, base: BsdfValue) -> BsdfValue {
+    /// The base without layers, lit from `i` in the shading frame.
+    #[inline]
+    fn cosine_lobe(&self, i: Vec3) -> BsdfValue {
+        let cosine = i.z * FRAC_1_PI;
+        BsdfValue {
+            diffuse: self.bsdf.diffuse * cosine,
+            specular: Vec3::ZERO,
+            pdf: self.pick[2] * cosine,
+        }
+    }
+
+    /// The layers over the cosine lobe, lit from `i` in the shading frame.
+    fn with_layers(&self, i: Vec3) -> BsdfValue {
         let o = self.o;
         let [pick_coat, pick_specular, _] = self.pick;
         let BsdfValue {
             mut diffuse,
             mut specular,
             mut pdf,
-        } = base;
+        } = self.cosine_lobe(i);
         let cosine = i.z * FRAC_1_PI;
         let h = (o + i).normalize();
         let edge = schlick(o.dot(h));

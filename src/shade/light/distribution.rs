@@ -20,6 +20,7 @@ impl Steps {
     }
 
     /// The choice that `u` in 0..1 falls on, and where in it, 0..1.
+    #[inline]
     pub(super) fn pick(&self, u: f32) -> (usize, f32) {
         pick(&self.sums, u)
     }
@@ -110,6 +111,7 @@ fn push_sums(sums: &mut Vec<f32>, weights: &[f32]) -> f64 {
 
 /// The step of `sums` that holds `u`; never one of no width, because `u` lies below its end and not below its
 /// start.
+#[inline]
 fn pick(sums: &[f32], u: f32) -> (usize, f32) {
     let u = u.clamp(0.0, ONE_BELOW);
     let i = sums.partition_point(|&s| s <= u).clamp(1, sums.len() - 1) - 1;

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 use glam::DVec2;
 
 use super::area::{Met, Sampled};
-use crate::math::{Bounds3, DAffine3, DVec3, Ray, Vec2, Vec3};
+use crate::math::{Bounds3, DAffine3, DVec3, Ray, Vec2, Vec3, concentric_disk};
 
 /// A flat light.
 #[derive(Debug, Clone, Copy)]
@@ -120,7 +120,7 @@ impl Planar {
         let spherical = self.spherical(from);
         let (a, b) = match &spherical {
             Some(s) => s.sample(u),
-            None if self.round => on_disk(u),
+            None if self.round => concentric_disk(u).into(),
             None => (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0),
         };
         let to = a * self.x + b * self.y - from;
@@ -243,18 +243,4 @@ impl SphericalRectangle {
         );
         (a as f32, b as f32)
     }
-}
-
-/// The unit square to the unit disk, concentrically (Shirley and Chiu 1997).
-fn on_disk(u: [f32; 2]) -> (f32, f32) {
-    use std::f32::consts::{FRAC_PI_2, FRAC_PI_4};
-    let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    let (r, angle) = if x.abs() > y.abs() {
-        (x, FRAC_PI_4 * (y / x))
-    } else if y.abs() > 0.0 {
-        (y, FRAC_PI_2 - FRAC_PI_4 * (x / y))
-    } else {
-        (0.0, 0.0)
-    };
-    (r * angle.cos(), r * angle.sin())
 }

@@ -87,20 +87,21 @@ impl Lattice {
 /// A ray in lattice coordinates, made ready for boxes and for the triangle test of [`triangle`](crate::accel::triangle).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LatticeRay {
-    pub(super) origin: [f32; 3],
+    /// The fourth components are there for the sake of registers.
+    pub(super) origin: [f32; 4],
     /// Axes: `k[2]` is the largest of the direction, the others follow so that handedness is kept.
     pub(super) k: [usize; 3],
     /// Shear along the first two, and scale along the third, which leads to the ray's own `t`.
     pub(super) s: [f32; 3],
     /// One by the direction, whose smallest components are replaced by such as have an inverse.
-    pub(super) inverse: [f32; 3],
-    /// What rounding may move a box's plane or a triangle, in steps.
-    pub(super) slack: f32,
+    pub(super) inverse: [f32; 4],
+    /// What rounding may move a box's plane or a triangle, in steps, with the signs of the direction.
+    pub(super) slack: [f32; 4],
     /// The interval that is asked about, rounded outward.
     pub(super) t_min: f32,
     pub(super) t_max: f32,
-    /// The ray's own `t` for a `t` of 1 here.
-    t_scale: f32,
+    /// What `t` is here for a `t` of 1 of the ray's own.
+    per_t: f32,
 }
 
 impl LatticeRay {
@@ -109,11 +110,12 @@ impl LatticeRay {
     pub(super) fn new(lattice: &Lattice, ray: &Ray, reach: f32) -> Self {
         let origin = ((ray.origin - lattice.anchor) * (1.0 / lattice.step)).to_array();
         // The largest component of the direction is brought to 1..2, by a power of two that `t` can bear.
+        let larger = |a: f32, b: f32| if a > b { a } else { b };
+        let largest = |[x, y, z]: [f32; 3]| larger(larger(x.abs(), y.abs()), z.abs());
         let d = ray.direction.to_array();
-        let size = d[0].abs().max(d[1].abs()).max(d[2].abs());
-        let exponent = ((size.to_bits() >> 23) as i32 - 127).clamp(-126, 126);
+        let exponent = ((largest(d).to_bits() >> 23) as i32 - 127).clamp(-126, 126);
         let power = |e: i32| f32::from_bits(((127 + e) as u32) << 23);
-        let (shrink, t_scale) = (power(-exponent), lattice.step * power(-exponent));
+        let (shrink, grow) = (power(-exponent), power(exponent));
         let d = d.map(|d| d * shrink);
         let kz = usize::from(d[1].abs() > d[0].abs());
         let kz = if d[2].abs() > d[kz].abs() { 2 } else { kz };
@@ -123,32 +125,36 @@ impl LatticeRay {
         }
         const LEAST: f32 = 1.0 / (1_u64 << 40) as f32;
         let inverse = d.map(|d| {
-            if d.abs() < LEAST {
-                (1.0 / LEAST).copysign(d)
+            let d = if d.abs() < LEAST {
+                LEAST.copysign(d)
             } else {
-                1.0 / d
-            }
+                d
+            };
+            1.0 / d
         });
-        let far = origin[0].abs().max(origin[1].abs()).max(origin[2].abs());
         // A plane's distance takes a subtraction, two products and a sum; a vertex is translated and sheared: each
         // moves by less than 8 roundings of the sizes involved.
-        let slack = 16.0 * f32::EPSILON * (far + reach);
+        let slack = 16.0 * f32::EPSILON * (largest(origin) + reach);
+        let t_scale = lattice.step * shrink;
+        let per_t = grow / lattice.step;
+        let [ox, oy, oz] = origin;
+        let [ix, iy, iz] = inverse;
         Self {
-            origin,
+            origin: [ox, oy, oz, 0.0],
             k: [kx, ky, kz],
             // The third one gives the ray's own t.
             s: [d[kx] / d[kz], d[ky] / d[kz], t_scale / d[kz]],
-            inverse,
-            slack,
-            t_min: ray.t_min / t_scale * (1.0 - 2.0 * f32::EPSILON),
-            t_max: ray.t_max / t_scale * (1.0 + 2.0 * f32::EPSILON),
-            t_scale,
+            slack: [ix, iy, iz, 1.0].map(|inverse| slack.copysign(inverse)),
+            inverse: [ix, iy, iz, 1.0],
+            t_min: ray.t_min * per_t * (1.0 - 4.0 * f32::EPSILON),
+            t_max: ray.t_max * per_t * (1.0 + 4.0 * f32::EPSILON),
+            per_t,
         }
     }
 
     /// Ends the interval at the ray's own `t`.
     #[inline(always)]
     pub(super) fn end(&mut self, t: f32) {
-        self.t_max = t / self.t_scale * (1.0 + 2.0 * f32::EPSILON);
+        self.t_max = t * self.per_t * (1.0 + 4.0 * f32::EPSILON);
     }
 }

@@ -1,0 +1,154 @@
+//! Sixteen boxes in a byte per plane.
+//!
+//! The bytes are in a frame of their own, whose origin is on the object's lattice and whose unit is a power of two of
+//! lattice steps: decoding takes no rounding, and what encloses as integers encloses.
+
+use super::lattice::{Extent, LatticeRay};
+use super::moment::Moment;
+use super::simd::{LANES, Lanes};
+
+/// Up to sixteen boxes of lattice points.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C)]
+pub(super) struct Boxes {
+    /// Planes axis by axis, in the frame.
+    lower: [[u8; LANES]; 3],
+    upper: [[u8; LANES]; 3],
+    /// For each axis, the frame's origin in the upper 24 bits, and the exponent of its unit.
+    frame: [i32; 3],
+}
+
+impl Boxes {
+    /// Around the given boxes, some of which may be empty: rays may meet these too.
+    pub(super) fn new(boxes: &[Extent; LANES]) -> Self {
+        let all = boxes.iter().fold(Extent::EMPTY, |a, b| a.union(*b));
+        let mut new = Self {
+            lower: [[u8::MAX; LANES]; 3],
+            upper: [[0; LANES]; 3],
+            frame: [0; 3],
+        };
+        if all.is_empty() {
+            return new;
+        }
+        for k in 0..3 {
+            let unit = |e: u32| i64::from(u8::MAX) << e;
+            let reach = i64::from(all.max[k]) - i64::from(all.min[k]);
+            let exponent = (0..32)
+                .find(|&e| unit(e) >= reach)
+                .expect("coordinates have 24 bits");
+            new.frame[k] = all.min[k] << 8 | exponent as i32;
+            for (c, one) in boxes.iter().enumerate().filter(|(_, c)| !c.is_empty()) {
+                let up = (1 << exponent) - 1;
+                new.lower[k][c] = ((one.min[k] - all.min[k]) >> exponent) as u8;
+                new.upper[k][c] = ((one.max[k] - all.min[k] + up) >> exponent) as u8;
+            }
+        }
+        new
+    }
+
+    /// One of the boxes.
+    pub(super) fn get(&self, c: usize) -> Extent {
+        let plane = |bytes: &[[u8; LANES]; 3]| {
+            [0, 1, 2].map(|k| {
+                let exponent = self.frame[k] & 0xff;
+                (self.frame[k] >> 8) + (i32::from(bytes[k][c]) << exponent)
+            })
+        };
+        Extent {
+            min: plane(&self.lower),
+            max: plane(&self.upper),
+        }
+    }
+
+    /// The boxes that a ray meets, as bits, and where it enters each.
+    #[inline(always)]
+    pub(super) fn met<L: Lanes>(
+        &self,
+        lanes: L,
+        ray: &LatticeRay,
+        entries: &mut [f32; LANES],
+    ) -> u32 {
+        meet(lanes, ray, entries, self.frame, |k, backwards| {
+            self.planes(lanes, k, backwards)
+        })
+    }
+
+    /// The same for boxes on their way to others.
+    #[inline(always)]
+    pub(super) fn met_on_the_way<L: Lanes>(
+        &self,
+        to: &Self,
+        moment: &Moment,
+        lanes: L,
+        ray: &LatticeRay,
+        entries: &mut [f32; LANES],
+    ) -> u32 {
+        let framed = |boxes: &Self, k: usize, backwards: bool| {
+            let (origin, unit) = boxes.frame(k);
+            boxes.planes(lanes, k, backwards).map(|planes| {
+                lanes.add(lanes.mul(planes, lanes.floats(unit)), lanes.floats(origin))
+            })
+        };
+        meet(lanes, ray, entries, [0; 3], |k, backwards| {
+            let [a, b] = [framed(self, k, backwards), framed(to, k, backwards)];
+            [0, 1].map(|i| moment.between_lanes(lanes, a[i], b[i]))
+        })
+    }
+
+    /// The planes that a ray meets first and last along an axis, of all boxes.
+    #[inline(always)]
+    fn planes<L: Lanes>(&self, lanes: L, k: usize, backwards: bool) -> [L::Floats; 2] {
+        let (lower, upper) = (lanes.bytes(&self.lower[k]), lanes.bytes(&self.upper[k]));
+        if backwards {
+            [upper, lower]
+        } else {
+            [lower, upper]
+        }
+    }
+
+    /// The frame along an axis: its origin, and its unit in steps.
+    #[inline(always)]
+    fn frame(&self, k: usize) -> (f32, f32) {
+        let frame = self.frame[k];
+        let unit = f32::from_bits((127 + (frame as u32 & 0xff)) << 23);
+        ((frame >> 8) as f32, unit)
+    }
+}
+
+/// The slab test. `planes` gives, for each axis and whether the ray runs backwards along it, the planes that it meets
+/// first and last, in `frames`: the origin in the upper 24 bits, and the exponent of the unit.
+#[inline(always)]
+fn meet<L: Lanes>(
+    lanes: L,
+    ray: &LatticeRay,
+    entries: &mut [f32; LANES],
+    frames: [i32; 3],
+    planes: impl Fn(usize, bool) -> [L::Floats; 2],
+) -> u32 {
+    // Planes as t = plane * scale + shift; for three axes and a spare one at once.
+    let frames = [frames[0], frames[1], frames[2], 0];
+    let four = |f: &dyn Fn(usize) -> f32| [f(0), f(1), f(2), f(3)];
+    let scale = four(&|k| {
+        // The unit is a power of two: it is added to the exponent.
+        f32::from_bits(ray.inverse[k].to_bits() + ((frames[k] as u32 & 0xff) << 23))
+    });
+    let shift = four(&|k| (frames[k] >> 8) as f32 - ray.origin[k]);
+    let enter = four(&|k| (shift[k] - ray.slack[k]) * ray.inverse[k]);
+    let leave = four(&|k| (shift[k] + ray.slack[k]) * ray.inverse[k]);
+    let mut near = lanes.floats(ray.t_min);
+    let mut far = lanes.floats(ray.t_max);
+    for k in 0..3 {
+        let [first, last] = planes(k, ray.inverse[k] < 0.0);
+        let scale = lanes.floats(scale[k]);
+        near = lanes.max(
+            near,
+            lanes.add(lanes.mul(first, scale), lanes.floats(enter[k])),
+        );
+        far = lanes.min(
+            far,
+            lanes.add(lanes.mul(last, scale), lanes.floats(leave[k])),
+        );
+    }
+    lanes.store(near, entries);
+    lanes.less_equal(near, far)
+}

@@ -1,0 +1,405 @@
+//! The tree over the patches of an object: up to sixteen children a node, boxes of a byte per plane.
+//!
+//! One for the whole object, so that a ray comes in once: Embree sees a single primitive. Children are split off by the
+//! surface area heuristic (binned, Wald, "On fast Construction of SAH-based Bounding Volume Hierarchies", IEEE
+//! Symposium on Interactive Ray Tracing 2007), the largest first, until there are sixteen of them. Patches are put
+//! in the order of the leaves: a node says where its first child is that is a node, and where its first patch is, and
+//! no child needs a pointer.
+
+use super::boxes::Boxes;
+use super::lattice::Extent;
+use super::simd::LANES;
+
+/// The tree.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Top {
+    /// Key by key; the root first, and parents before their children.
+    nodes: Vec<TopNode>,
+    /// Nodes of a key.
+    count: usize,
+}
+
+/// A node's children.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(C, align(64))]
+pub(super) struct TopNode {
+    pub(super) boxes: Boxes,
+    links: Links,
+}
+
+/// Where children are: nodes come first, then patches.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+struct Links {
+    first_node: u32,
+    first_patch: u32,
+    nodes: u16,
+    children: u16,
+}
+
+/// A child.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Child {
+    Node(u32),
+    /// By its place in the order of the leaves.
+    Patch(u32),
+}
+
+/// Levels whose children the heuristic splits off. Below, the most numerous child is halved, so that each of the
+/// sixteen has less than a quarter.
+const FREE_LEVELS: usize = 8;
+
+/// The most levels, for fewer than 2^32 patches.
+pub(super) const MOST_LEVELS: usize = FREE_LEVELS + 16;
+
+/// Places to split at, along an axis.
+const BINS: usize = 16;
+
+impl Top {
+    /// Over the boxes of patches, given key by key. Also the order in which it wants the patches.
+    pub(super) fn new(patches: &[Vec<Extent>]) -> (Self, Vec<u32>) {
+        let mut leaves: Vec<Leaf> = patches.first().map_or_else(Vec::new, |first| {
+            let numbers = 0..first.len();
+            numbers
+                .map(|patch| {
+                    let all = patches.iter().map(|key| key[patch]);
+                    Leaf::new(patch as u32, all.fold(Extent::EMPTY, Extent::union))
+                })
+                .collect()
+        });
+        let mut links = Vec::new();
+        if !leaves.is_empty() {
+            links.push(Links::default());
+            split(&mut leaves, Place::default(), &mut links);
+        }
+        let order: Vec<u32> = leaves.iter().map(|leaf| leaf.patch).collect();
+        let mut nodes = Vec::with_capacity(links.len() * patches.len());
+        for key in patches {
+            let mut extents = vec![Extent::EMPTY; links.len()];
+            let mut of_key = Vec::with_capacity(links.len());
+            for (number, &links) in links.iter().enumerate().rev() {
+                let mut children = [Extent::EMPTY; LANES];
+                for (c, extent) in children.iter_mut().enumerate().take(links.children.into()) {
+                    *extent = match links.child(c) {
+                        Child::Node(node) => extents[node as usize],
+                        Child::Patch(patch) => key[order[patch as usize] as usize],
+                    };
+                }
+                extents[number] = children.into_iter().fold(Extent::EMPTY, Extent::union);
+                of_key.push(TopNode {
+                    boxes: Boxes::new(&children),
+                    links,
+                });
+            }
+            nodes.extend(of_key.into_iter().rev());
+        }
+        let count = links.len();
+        (Self { nodes, count }, order)
+    }
+
+    /// Where to begin; none if there are no patches.
+    #[inline(always)]
+    pub(super) fn root(&self) -> Option<Child> {
+        let root = self.nodes.first()?;
+        // With a single patch there is nothing to choose from.
+        Some(match root.links.children {
+            1 => root.links.child(0),
+            _ => Child::Node(0),
+        })
+    }
+
+    /// A node at a motion key.
+    #[inline(always)]
+    pub(super) fn node(&self, number: u32, key: usize) -> &TopNode {
+        &self.nodes[number as usize + key * self.count]
+    }
+
+    /// What it encloses at a motion key.
+    pub(super) fn extent(&self, key: usize) -> Extent {
+        self.nodes
+            .get(key * self.count)
+            .map_or(Extent::EMPTY, |root| {
+                (0..root.children())
+                    .map(|c| root.boxes.get(c))
+                    .fold(Extent::EMPTY, Extent::union)
+            })
+    }
+
+    /// Bytes held.
+    pub(super) fn memory(&self) -> usize {
+        size_of_val(self.nodes.as_slice())
+    }
+}
+
+impl TopNode {
+    #[inline(always)]
+    pub(super) fn children(&self) -> usize {
+        self.links.children.into()
+    }
+
+    #[inline(always)]
+    pub(super) fn child(&self, c: usize) -> Child {
+        self.links.child(c)
+    }
+}
+
+impl Links {
+    #[inline(always)]
+    fn child(&self, c: usize) -> Child {
+        match c.checked_sub(self.nodes.into()) {
+            None => Child::Node(self.first_node + c as u32),
+            Some(c) => Child::Patch(self.first_patch + c as u32),
+        }
+    }
+}
+
+/// A patch that is to be sorted in.
+#[derive(Debug, Clone, Copy)]
+struct Leaf {
+    patch: u32,
+    extent: Extent,
+    /// Twice its middle.
+    centre: [i64; 3],
+}
+
+impl Leaf {
+    fn new(patch: u32, extent: Extent) -> Self {
+        let centre = [0, 1, 2].map(|k| i64::from(extent.min[k]) + i64::from(extent.max[k]));
+        Self {
+            patch,
+            extent,
+            centre,
+        }
+    }
+}
+
+/// Which node is to be made, of leaves from which on, at which level.
+#[derive(Debug, Clone, Copy, Default)]
+struct Place {
+    node: usize,
+    first: usize,
+    level: usize,
+}
+
+/// Sorts leaves into the children of a node, and adds the nodes below it.
+fn split(leaves: &mut [Leaf], place: Place, nodes: &mut Vec<Links>) {
+    let mut parts = Vec::with_capacity(LANES);
+    parts.push(0..leaves.len());
+    while parts.len() < LANES {
+        let by_count = place.level >= FREE_LEVELS;
+        let size = |part: &std::ops::Range<usize>| {
+            let of_part = &leaves[part.clone()];
+            if by_count {
+                part.len() as f64
+            } else {
+                area(of_part)
+            }
+        };
+        // Of equals, the first.
+        let largest = (0..parts.len())
+            .filter(|&p| parts[p].len() > 1)
+            .map(|p| (size(&parts[p]), p))
+            .reduce(|a, b| if b.0 > a.0 { b } else { a });
+        let Some((_, p)) = largest else { break };
+        let part = parts[p].clone();
+        let of_part = &mut leaves[part.clone()];
+        let middle = part.start + halve(of_part, by_count);
+        parts[p] = part.start..middle;
+        parts.insert(p + 1, middle..part.end);
+    }
+    // Nodes first, so that patches are one after the other.
+    let (many, single): (Vec<_>, Vec<_>) = parts.into_iter().partition(|part| part.len() > 1);
+    let sorted: Vec<Leaf> = many
+        .iter()
+        .chain(&single)
+        .flat_map(|part| leaves[part.clone()].iter().copied())
+        .collect();
+    leaves.copy_from_slice(&sorted);
+    let below = leaves.len() - single.len();
+    nodes[place.node] = Links {
+        first_node: nodes.len() as u32,
+        first_patch: (place.first + below) as u32,
+        nodes: many.len() as u16,
+        children: (many.len() + single.len()) as u16,
+    };
+    let first_node = nodes.len();
+    nodes.resize(first_node + many.len(), Links::default());
+    let mut rest = &mut leaves[..below];
+    let (mut first, level) = (place.first, place.level + 1);
+    for (n, part) in many.iter().enumerate() {
+        let (of_part, after) = rest.split_at_mut(part.len());
+        let place = Place {
+            node: first_node + n,
+            first,
+            level,
+        };
+        split(of_part, place, nodes);
+        first += part.len();
+        rest = after;
+    }
+}
+
+/// Puts some leaves before the others. How many, from 1 to all but one.
+fn halve(leaves: &mut [Leaf], by_count: bool) -> usize {
+    if !by_count && let Some(cut) = Cut::cheapest(leaves) {
+        leaves.sort_by_key(|leaf| cut.is_after(leaf));
+        return leaves.partition_point(|leaf| !cut.is_after(leaf));
+    }
+    let [low, high] = centres(leaves);
+    let axis = (0..3).max_by_key(|&k| high[k] - low[k]).unwrap_or(0);
+    let middle = leaves.len() / 2;
+    leaves.select_nth_unstable_by_key(middle, |leaf| (leaf.centre[axis], leaf.patch));
+    middle
+}
+
+/// A plane between centres.
+#[derive(Debug, Clone, Copy)]
+struct Cut {
+    axis: usize,
+    /// The first centre, and how far it is to the last.
+    low: i64,
+    reach: i64,
+    /// The first bin after the plane.
+    bin: usize,
+}
+
+impl Cut {
+    fn bin_of(&self, leaf: &Leaf) -> usize {
+        ((leaf.centre[self.axis] - self.low) * BINS as i64 / (self.reach + 1)) as usize
+    }
+
+    fn is_after(&self, leaf: &Leaf) -> bool {
+        self.bin_of(leaf) >= self.bin
+    }
+
+    /// The one where the surface area heuristic is least; none where all centres are the same.
+    fn cheapest(leaves: &[Leaf]) -> Option<Self> {
+        type Bin = (Extent, usize);
+        let join = |a: Bin, b: &Bin| (a.0.union(b.0), a.1 + b.1);
+        let cost = |bin: Bin| half_area(&bin.0) * bin.1 as f64;
+        let [low, high] = centres(leaves);
+        let mut best: Option<(f64, Self)> = None;
+        for axis in (0..3).filter(|&k| high[k] > low[k]) {
+            let mut cut = Self {
+                axis,
+                low: low[axis],
+                reach: high[axis] - low[axis],
+                bin: 0,
+            };
+            let mut bins = [(Extent::EMPTY, 0); BINS];
+            for leaf in leaves {
+                let bin = &mut bins[cut.bin_of(leaf)];
+                *bin = join(*bin, &(leaf.extent, 1));
+            }
+            for bin in 1..BINS {
+                let before = bins[..bin].iter().fold((Extent::EMPTY, 0), join);
+                let after = bins[bin..].iter().fold((Extent::EMPTY, 0), join);
+                let all = cost(before) + cost(after);
+                // The first bin and the last are never empty: either side has a leaf.
+                if best.is_none_or(|best| all < best.0) {
+                    cut.bin = bin;
+                    best = Some((all, cut));
+                }
+            }
+        }
+        best.map(|(_, cut)| cut)
+    }
+}
+
+/// The least and the greatest centre, axis by axis.
+fn centres(leaves: &[Leaf]) -> [[i64; 3]; 2] {
+    leaves
+        .iter()
+        .fold([[i64::MAX; 3], [i64::MIN; 3]], |[low, high], leaf| {
+            let pick =
+                |a: [i64; 3], f: fn(i64, i64) -> i64| [0, 1, 2].map(|k| f(a[k], leaf.centre[k]));
+            [pick(low, i64::min), pick(high, i64::max)]
+        })
+}
+
+fn area(leaves: &[Leaf]) -> f64 {
+    let all = leaves.iter().map(|leaf| leaf.extent);
+    half_area(&all.fold(Extent::EMPTY, Extent::union))
+}
+
+/// Half of a box's surface.
+fn half_area(extent: &Extent) -> f64 {
+    if extent.is_empty() {
+        return 0.0;
+    }
+    let [x, y, z] = [0, 1, 2].map(|k| f64::from(extent.max[k]) - f64::from(extent.min[k]));
+    x * y + y * z + z * x
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::surface::tests::shapes::Random;
+
+    /// All patches below a node, each with the boxes on the way to it; deeper than allowed is a failure.
+    fn walk(
+        top: &Top,
+        child: Child,
+        key: usize,
+        above: &mut Vec<Extent>,
+        met: &mut Vec<(u32, Vec<Extent>)>,
+    ) {
+        assert!(above.len() <= MOST_LEVELS);
+        match child {
+            Child::Patch(patch) => met.push((patch, above.clone())),
+            Child::Node(number) => {
+                let node = top.node(number, key);
+                assert!(node.children() >= 2);
+                for c in 0..node.children() {
+                    above.push(node.boxes.get(c));
+                    walk(top, node.child(c), key, above, met);
+                    above.pop();
+                }
+            }
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(300))]
+
+        #[test]
+        fn every_patch_is_there_once_and_enclosed(
+            count in 0_usize..400,
+            size in 0_u32..23,
+            keys in 1_usize..3,
+            gathered in 1_u32..400,
+            seed: u64,
+        ) {
+            let mut random = Random(seed);
+            let most = f64::from((1_i32 << size) - 1);
+            // Few different corners: many boxes are the same, or flat, or points.
+            let corners: Vec<[i32; 3]> = (0..gathered)
+                .map(|_| [(); 3].map(|()| (f64::from(random.next() - 0.5) * 2.0 * most) as i32))
+                .collect();
+            let mut corner = || corners[(random.next() * gathered as f32) as usize % corners.len()];
+            let patches: Vec<Vec<Extent>> = (0..keys)
+                .map(|_| {
+                    let one = |_| Extent::EMPTY.including(corner()).including(corner());
+                    (0..count).map(one).collect()
+                })
+                .collect();
+            let (top, order) = Top::new(&patches);
+            for (key, extents) in patches.iter().enumerate() {
+                let mut met = Vec::new();
+                if let Some(root) = top.root() {
+                    walk(&top, root, key, &mut vec![top.extent(key)], &mut met);
+                }
+                let mut numbers: Vec<u32> = met.iter().map(|(patch, _)| order[*patch as usize]).collect();
+                numbers.sort_unstable();
+                prop_assert!(numbers.into_iter().eq(0..count as u32));
+                for (patch, above) in met {
+                    let content = extents[order[patch as usize] as usize];
+                    for around in above {
+                        prop_assert_eq!(around, around.union(content));
+                    }
+                }
+            }
+        }
+    }
+}
