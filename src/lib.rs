@@ -6,7 +6,7 @@
 //! our own to meet rays with them; [`trace`] hands surfaces to Embree, where an [`accel::Intersector`] may stand for
 //! one; [`shade`] knows camera, lights and materials; [`integrate`]
 //! computes the radiance along a ray; [`film`] gathers samples into pixels; [`image`] reads textures and
-//! writes pictures; [`render`] runs these stages in this order. [`compare`] sets ways of tracing against each other.
+//! writes pictures; [`store`] keeps what is slow to build in files; [`render`] runs these stages in this order. [`compare`] sets ways of tracing against each other.
 #![deny(unsafe_code)]
 
 pub mod accel;
@@ -22,6 +22,7 @@ pub mod render;
 pub mod scene;
 pub mod shade;
 pub mod stats;
+pub mod store;
 pub mod subdiv;
 pub mod surface;
 pub mod trace;

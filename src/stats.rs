@@ -1,11 +1,15 @@
 //! What a render cost: seconds by stage, rays, bytes. Written as JSON by `--stats`.
 
+mod achieved;
+
 use std::path::Path;
 use std::time::Instant;
 
 use serde::Serialize;
 
 use crate::error::{Error, Result, Warning};
+
+pub use achieved::AchievedError;
 
 /// Everything that `--stats` writes.
 #[derive(Debug, Clone, Default, Serialize)]
@@ -32,6 +36,8 @@ pub struct Stats {
     pub nanoseconds_per_ray: f64,
     /// Bytes by owner after building.
     pub bytes: Bytes,
+    /// How far the method moved micro-vertices, if it did.
+    pub achieved_error: Option<AchievedError>,
     /// Counts of what the scene holds.
     pub scene_counts: SceneCounts,
     /// Samples that were not finite and were left out of the picture.

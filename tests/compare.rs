@@ -10,7 +10,7 @@ use relievo::surface::{
 };
 use relievo::world::Method;
 
-use crate::common::program::Bench;
+use crate::common::program::{Bench, expect, said};
 
 /// A house: a cube with a roof, of quads, triangles and pentagons, one eave half sharp.
 const HOUSE: &str = r#"#usda 1.0
@@ -207,4 +207,84 @@ fn bench_reports_every_method() {
         }
     }
     assert_eq!(rows[0]["ratio"]["primary"]["1"], 1.0);
+}
+
+#[test]
+fn the_error_that_compression_achieves_is_told() {
+    let bench = Bench::new();
+    bench.write("house.usda", HOUSE);
+    let small = [
+        "house.usda",
+        "--methods",
+        "embree-grid,compact",
+        "--rays",
+        "500",
+    ];
+    let row = |command: &str, more: &[&str]| {
+        let arguments = [&[command, "--json"], small.as_slice(), more].concat();
+        let report = bench.report(&arguments);
+        let of = |method: &str| {
+            let mut rows = report["rows"].as_array().expect("rows").iter();
+            let row = rows.find(|row| row["method"] == method).expect("a row");
+            row["achieved_error"].clone()
+        };
+        assert!(of("embree-grid").is_null());
+        let (max, rms) = (
+            &of("compact")["max_diagonals"],
+            &of("compact")["rms_diagonals"],
+        );
+        let numbers = [max, rms].map(|number| number.as_f64().expect("a number"));
+        (numbers, of("compact")["max_pixels"].as_f64())
+    };
+    let coarse = ["--micro-triangles", "5000", "--max-error", "1e-3"];
+    for command in ["bench", "verify"] {
+        let ([max, rms], pixels) = row(command, &coarse);
+        assert!((0.8e-3..1.001e-3).contains(&max), "{command}: {max}");
+        assert!((0.3e-3..0.8e-3).contains(&rms), "{command}: {rms}");
+        assert_eq!(pixels, None);
+    }
+    let ([max, _], _) = row("bench", &["--micro-triangles", "5000"]);
+    assert!((1e-5..3.61e-5).contains(&max), "{max}");
+    let (_, pixels) = row("bench", &["--dicing-rate", "20", "--max-error", "0.5px"]);
+    let pixels = pixels.expect("there is a camera");
+    assert!((0.4..0.5001).contains(&pixels), "{pixels}");
+
+    // A render tells it too.
+    let arguments = [
+        "--method",
+        "compact",
+        "--max-error",
+        "0.1px",
+        "--stats",
+        "stats.json",
+    ];
+    expect(bench.render("house.usda", &arguments), 0, &[]);
+    let stats = std::fs::read(bench.path("stats.json")).expect("statistics");
+    let stats: serde_json::Value = serde_json::from_slice(&stats).expect("one object");
+    let pixels = stats["achieved_error"]["max_pixels"].as_f64();
+    assert!((0.05..0.1001).contains(&pixels.expect("pixels")), "{stats}");
+
+    for bad in [
+        "0",
+        "-1px",
+        "nan",
+        "infpx",
+        "px",
+        "0.25 pixels",
+        "",
+        "1e-5 diagonals",
+    ] {
+        let more = format!("--max-error={bad}");
+        for command in ["bench", "verify", "render"] {
+            let output = bench.command(&[command, "house.usda", &more]).output();
+            expect(
+                said(&output.expect("the program runs")),
+                2,
+                &["--max-error"],
+            );
+        }
+    }
+    let blind = ["bench", "house.usda", "--max-error", "0.25px"];
+    let output = bench.command(&blind).output().expect("the program runs");
+    expect(said(&output), 2, &["--dicing-rate"]);
 }

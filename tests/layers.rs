@@ -8,11 +8,14 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Lowest first: a module and the modules that it may use. What stands below it in the list it may not.
-const LAYERS: [(&str, &[&str]); 19] = [
+const LAYERS: [(&str, &[&str]); 20] = [
     ("error", &[]),
     ("math", &[]),
+    // A file of sections: what they hold it does not know.
+    ("store", &["error"]),
     ("mesh", &["error", "math"]),
-    ("image", &["error", "math"]),
+    // Tells a store what a texture holds.
+    ("image", &["error", "math", "store"]),
     // Statistics are written like pictures: whole or not at all.
     ("stats", &["error", "image"]),
     ("scene", &["error", "math", "mesh", "image"]),
@@ -22,7 +25,7 @@ const LAYERS: [(&str, &[&str]); 19] = [
         "surface",
         &["error", "stats", "math", "mesh", "image", "subdiv", "nurbs"],
     ),
-    ("accel", &["error", "stats", "math", "surface"]),
+    ("accel", &["error", "store", "stats", "math", "surface"]),
     // Of surfaces it takes diced ones, to hand their micro-vertices to Embree.
     (
         "trace",
@@ -37,8 +40,8 @@ const LAYERS: [(&str, &[&str]); 19] = [
     (
         "world",
         &[
-            "error", "stats", "math", "mesh", "image", "scene", "subdiv", "nurbs", "surface",
-            "accel", "trace", "shade",
+            "error", "store", "stats", "math", "mesh", "image", "scene", "subdiv", "nurbs",
+            "surface", "accel", "trace", "shade",
         ],
     ),
     (
@@ -51,6 +54,7 @@ const LAYERS: [(&str, &[&str]); 19] = [
         "render",
         &[
             "error",
+            "store",
             "stats",
             "math",
             "mesh",
@@ -71,8 +75,8 @@ const LAYERS: [(&str, &[&str]); 19] = [
     (
         "compare",
         &[
-            "error", "stats", "math", "mesh", "scene", "surface", "accel", "trace", "shade",
-            "world", "render",
+            "error", "stats", "math", "mesh", "image", "scene", "surface", "accel", "trace",
+            "shade", "world", "render",
         ],
     ),
     ("cli", &[]),

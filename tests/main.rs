@@ -23,6 +23,7 @@ mod pictures;
 mod report;
 mod scenes;
 mod smooth;
+mod stored;
 mod subdiv_oracle;
 mod subdivide;
 mod usd_oracle;

@@ -1,16 +1,20 @@
 //! One scene by every method: the same picture, and the same bytes for any number of threads.
 
 use std::path::Path;
+use std::sync::Mutex;
 
 use crate::common::{mean, options, read, run, write_scene};
 use relievo::math::Vec3;
-use relievo::world::Method;
+use relievo::render::camera;
+use relievo::scene::{self, LoadOptions};
+use relievo::trace::{Device, DeviceOptions};
+use relievo::world::{BuildOptions, Method, World};
 
 /// A house of quads and pentagons with a semi-sharp eave, displaced, twice; a ball of triangles by Loop's scheme,
 /// displaced; a cube with creases by Chaikin's rule, which moves while the shutter is open; a die whose points move; a
 /// NURBS sheet, trimmed to a disc and displaced.
 /// Heights and colours are primvars of several kinds.
-const SCENE: &str = r#"
+pub const SCENE: &str = r#"
 def Camera "Camera" {
     float focalLength = 50
     float horizontalAperture = 24
@@ -222,5 +226,64 @@ def NurbsPatch "Disc" (prepend apiSchemas = ["MaterialBindingAPI"]) {
             "{}: {covered} for {exact}",
             method.name()
         );
+    }
+}
+
+/// A single surface that takes its time tells how far it is, and can be ended, by every method of ours.
+#[test]
+fn a_build_tells_how_far_it_is_and_can_be_ended() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let cells = 40;
+    let points: Vec<_> = (0..=cells)
+        .flat_map(|j| (0..=cells).map(move |i| (i, j, (i * j) % 3)))
+        .collect();
+    let corner = |i: i32, j: i32| j * (cells + 1) + i;
+    let indices: Vec<i32> = (0..cells)
+        .flat_map(|j| (0..cells).map(move |i| (i, j)))
+        .flat_map(|(i, j)| {
+            let (near, far) = ([i, i + 1], [j, j + 1]);
+            [
+                (near[0], far[0]),
+                (near[1], far[0]),
+                (near[1], far[1]),
+                (near[0], far[1]),
+            ]
+        })
+        .map(|(i, j)| corner(i, j))
+        .collect();
+    let counts = vec![4; (cells * cells) as usize];
+    let body = format!(
+        "def Mesh \"Field\" {{\nint[] faceVertexCounts = {counts:?}\nint[] faceVertexIndices = {indices:?}\n\
+         point3f[] points = {points:?}\n}}\n"
+    );
+    let path = write_scene(folder.path(), "field.usda", &body);
+    let scene = scene::load(&path, &LoadOptions::default()).expect("a scene");
+    let view = camera(&scene, [1000, 1000]).expect("a camera");
+    for method in Method::ALL {
+        if method == Method::EmbreeSubdivision {
+            continue;
+        }
+        let options = BuildOptions {
+            method,
+            default_dome: 1.0,
+            ..BuildOptions::default()
+        };
+        let device = Device::new(&DeviceOptions::default()).expect("a device");
+        // What is told beyond the first half is Embree's.
+        let told = Mutex::new(Vec::new());
+        let build = |last: f64| {
+            World::build(&scene, &view, &device, &options, &|done| {
+                told.lock().expect("no panic").push(done);
+                done < last
+            })
+        };
+        build(2.0).expect("nobody ends it");
+        let halfway = std::mem::take(&mut *told.lock().expect("no panic"));
+        let between = halfway.iter().filter(|done| (0.01..0.49).contains(*done));
+        assert!(between.count() >= 2, "{}: {halfway:?}", method.name());
+        let ended = build(0.2).map(|_| ()).expect_err("it is ended");
+        assert_eq!(ended.exit_code(), 130, "{}: {ended}", method.name());
+        let told = told.lock().expect("no panic");
+        assert!(told.len() < halfway.len(), "{}: {told:?}", method.name());
     }
 }

@@ -3,12 +3,17 @@
 //! The bytes are in a frame of their own, whose origin is on the object's lattice and whose unit is a power of two of
 //! lattice steps: decoding takes no rounding, and what encloses as integers encloses.
 
+use bytemuck::{Pod, Zeroable};
+
 use super::lattice::{Extent, LatticeRay};
 use super::moment::Moment;
 use super::simd::{LANES, Lanes};
 
+/// 255 units of two to this power reach across the lattice.
+const MOST_EXPONENT: i32 = 17;
+
 /// Up to sixteen boxes of lattice points.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub(super) struct Boxes {
     /// Planes axis by axis, in the frame.
@@ -44,6 +49,11 @@ impl Boxes {
             }
         }
         new
+    }
+
+    /// Whether the units are ones that [`new`](Self::new) may choose: others overflow the arithmetic.
+    pub(super) fn is_sound(&self) -> bool {
+        self.frame.iter().all(|frame| frame & 0xff <= MOST_EXPONENT)
     }
 
     /// One of the boxes.

@@ -40,6 +40,14 @@ impl Extent {
         self.union(Self { min: p, max: p })
     }
 
+    /// Around points, which lie less than [`REACH`] from zero.
+    pub(super) fn around(points: &[DVec3]) -> Self {
+        points.iter().fold(Self::EMPTY, |all, p| {
+            let [low, high] = [p.floor(), p.ceil()].map(|p| p.to_array().map(|x| x as i32));
+            all.including(low).including(high)
+        })
+    }
+
     #[must_use]
     pub(super) fn union(self, other: Self) -> Self {
         let pick = |a: [i32; 3], b: [i32; 3], f: fn(i32, i32) -> i32| {
@@ -53,14 +61,35 @@ impl Extent {
 }
 
 impl Lattice {
+    /// Around what is within `bounds`, and as much again on all sides. Steps are `step` long if that is not too fine.
+    pub(super) fn around(bounds: &Bounds3, step: f32) -> Self {
+        // Half of the lattice is left for what displacement adds.
+        let finest = bounds.extent().max_element() / REACH as f32;
+        let step = if step > finest { step } else { finest };
+        const LEAST: f32 = 1e-30;
+        Self {
+            anchor: if bounds.is_empty() {
+                Vec3::ZERO
+            } else {
+                bounds.centre()
+            },
+            step: if step >= LEAST { step } else { LEAST },
+        }
+    }
+
     /// The nearest point of the lattice; none if it is beyond [`REACH`].
     pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
-        let at = ((p.as_dvec3() - self.anchor.as_dvec3()) / f64::from(self.step)).round();
+        let at = self.coordinates(p).round();
         (at.abs().max_element() < f64::from(REACH)).then_some([
             at.x as i32,
             at.y as i32,
             at.z as i32,
         ])
+    }
+
+    /// The coordinates of a point that is on no point of the lattice.
+    pub(super) fn coordinates(&self, p: Vec3) -> DVec3 {
+        (p.as_dvec3() - self.anchor.as_dvec3()) / f64::from(self.step)
     }
 
     /// Where a point of the lattice is in the object's space.
@@ -89,6 +118,8 @@ impl Lattice {
 pub(super) struct LatticeRay {
     /// The fourth components are there for the sake of registers.
     pub(super) origin: [f32; 4],
+    /// The largest component is 1 to 2; of either sign.
+    pub(super) direction: [f32; 3],
     /// Axes: `k[2]` is the largest of the direction, the others follow so that handedness is kept.
     pub(super) k: [usize; 3],
     /// Shear along the first two, and scale along the third, which leads to the ray's own `t`.
@@ -101,7 +132,7 @@ pub(super) struct LatticeRay {
     pub(super) t_min: f32,
     pub(super) t_max: f32,
     /// What `t` is here for a `t` of 1 of the ray's own.
-    per_t: f32,
+    pub(super) per_t: f32,
 }
 
 impl LatticeRay {
@@ -141,6 +172,7 @@ impl LatticeRay {
         let [ix, iy, iz] = inverse;
         Self {
             origin: [ox, oy, oz, 0.0],
+            direction: d,
             k: [kx, ky, kz],
             // The third one gives the ray's own t.
             s: [d[kx] / d[kz], d[ky] / d[kz], t_scale / d[kz]],

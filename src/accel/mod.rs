@@ -15,8 +15,8 @@ mod trimmed;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
-pub use compact::{Accuracy, Compact, CompactOptions};
-pub use compressed::{Compressed, CompressedOptions};
+pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
+pub use compressed::Compressed;
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

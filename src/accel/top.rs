@@ -6,6 +6,9 @@
 //! in the order of the leaves: a node says where its first child is that is a node, and where its first patch is, and
 //! no child needs a pointer.
 
+use bytemuck::{Pod, Zeroable};
+use mapped::Items;
+
 use super::boxes::Boxes;
 use super::lattice::Extent;
 use super::simd::LANES;
@@ -14,21 +17,23 @@ use super::simd::LANES;
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Top {
     /// Key by key; the root first, and parents before their children.
-    nodes: Vec<TopNode>,
+    nodes: Items<TopNode>,
     /// Nodes of a key.
     count: usize,
 }
 
 /// A node's children.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct TopNode {
     pub(super) boxes: Boxes,
     links: Links,
+    zero: [u32; 2],
 }
 
 /// Where children are: nodes come first, then patches.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
 struct Links {
     first_node: u32,
     first_patch: u32,
@@ -88,12 +93,79 @@ impl Top {
                 of_key.push(TopNode {
                     boxes: Boxes::new(&children),
                     links,
+                    zero: [0; 2],
                 });
             }
             nodes.extend(of_key.into_iter().rev());
         }
         let count = links.len();
+        let nodes = nodes.into();
         (Self { nodes, count }, order)
+    }
+
+    /// Of nodes that came from outside, over so many patches. None if a way through them could leave them, go in
+    /// circles, be deeper than [`MOST_LEVELS`], or miss a patch.
+    pub(super) fn of_nodes(nodes: Items<TopNode>, keys: usize, patches: usize) -> Option<Self> {
+        let count = nodes.len().checked_div(keys)?;
+        let (first, _) = nodes.split_at(count);
+        let all_alike = nodes.len() == keys * count
+            && (0..nodes.len())
+                .all(|n| nodes[n].links == first[n % count].links && nodes[n].boxes.is_sound());
+        // The traversal needs two bits of each number.
+        if !all_alike || nodes.len().max(patches) >= 1 << 30 || (count == 0) != (patches == 0) {
+            return None;
+        }
+        // Each node and each patch is a child once; parents come first.
+        let mut levels = vec![0; count];
+        let mut found = vec![false; patches];
+        if let Some(root) = levels.first_mut() {
+            *root = 1;
+        }
+        for (number, TopNode { links, .. }) in first.iter().enumerate() {
+            let children = usize::from(links.children);
+            let level = levels[number];
+            if level == 0
+                || level > MOST_LEVELS
+                || !(1..=LANES).contains(&children)
+                || links.nodes > links.children
+            {
+                return None;
+            }
+            let inner = usize::from(links.nodes);
+            let (node, patch) = (links.first_node as usize, links.first_patch as usize);
+            if inner > 0 && node <= number {
+                return None;
+            }
+            for below in levels
+                .get_mut(node..node + inner)
+                .filter(|_| inner > 0)
+                .into_iter()
+                .flatten()
+            {
+                if std::mem::replace(below, level + 1) != 0 {
+                    return None;
+                }
+            }
+            if inner > 0 && node + inner > count {
+                return None;
+            }
+            if children > inner {
+                for found in found.get_mut(patch..patch + children - inner)? {
+                    if std::mem::replace(found, true) {
+                        return None;
+                    }
+                }
+            }
+        }
+        found
+            .into_iter()
+            .all(|found| found)
+            .then_some(Self { nodes, count })
+    }
+
+    /// All nodes, key by key.
+    pub(super) fn nodes(&self) -> &[TopNode] {
+        &self.nodes
     }
 
     /// Where to begin; none if there are no patches.
@@ -126,7 +198,7 @@ impl Top {
 
     /// Bytes held.
     pub(super) fn memory(&self) -> usize {
-        size_of_val(self.nodes.as_slice())
+        size_of_val(&*self.nodes)
     }
 }
 

@@ -6,7 +6,7 @@ use clap::Args;
 use relievo::Result;
 use relievo::compare::{BenchOptions, Measured, bench, check_report, report_json, write_report};
 
-use super::compare::Compare;
+use super::compare::{Compare, moved};
 
 /// Measure all ways of tracing on one set of rays: memory, building, millions of rays a second.
 #[derive(Debug, Args)]
@@ -98,5 +98,6 @@ fn table(bench: &relievo::compare::Bench) -> String {
         }
         text.push('\n');
     }
-    text
+    let rows = bench.rows.iter();
+    text + &moved(rows.map(|row| (row.method, row.achieved_error)))
 }

@@ -6,10 +6,10 @@ use clap::Args;
 use relievo::compare::{CompareOptions, Fineness};
 use relievo::error::Warnings;
 use relievo::scene::{self, Description, LoadOptions};
-use relievo::world::Method;
+use relievo::world::{AchievedError, MaxError, Method};
 use relievo::{Error, Result};
 
-use super::method::MethodArgument;
+use super::method::{MethodArgument, max_error};
 
 #[derive(Debug, Args)]
 pub(super) struct Compare {
@@ -22,6 +22,10 @@ pub(super) struct Compare {
     /// Dice all edges alike, so that about this many micro-triangles result.
     #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
     micro_triangles: u64,
+    /// How far `compact` may move micro-vertices: 0.25px is a quarter of a pixel at the closest view (with
+    /// --dicing-rate), 1e-5 that part of the object's diagonal [default: 3.6e-5, and with --dicing-rate at most 0.25px]
+    #[arg(long, value_name = "ERROR", value_parser = max_error)]
+    max_error: Option<MaxError>,
 }
 
 impl Compare {
@@ -33,6 +37,12 @@ impl Compare {
             return Err(Error::usage(
                 "--dicing-rate is not above 0",
                 "give the length of a micro-edge in pixels, as 1",
+            ));
+        }
+        if let (Some(MaxError::Pixels(error)), None) = (self.max_error, self.dicing_rate) {
+            return Err(Error::usage(
+                format!("--max-error {error}px needs to know pixels"),
+                "give --dicing-rate too, or a part of the object's diagonal, as --max-error 1e-5",
             ));
         }
         let scene = scene::load(path, &LoadOptions::default())?;
@@ -56,6 +66,7 @@ impl Compare {
                 Some(rate) => Fineness::DicingRate(rate),
                 None => Fineness::MicroTriangles(self.micro_triangles),
             },
+            max_error: self.max_error.unwrap_or_default(),
             rays,
         }
     }
@@ -65,4 +76,24 @@ impl Compare {
             tracing::warn!("{}", warning.message);
         }
     }
+}
+
+/// A line for each method that moves micro-vertices.
+pub(super) fn moved<'a>(rows: impl Iterator<Item = (&'a str, Option<AchievedError>)>) -> String {
+    let mut told = Vec::new();
+    let mut text = String::new();
+    for (method, error) in rows {
+        let Some(error) = error.filter(|_| !told.contains(&method)) else {
+            continue;
+        };
+        told.push(method);
+        let (max, rms) = (error.max_diagonals, error.rms_diagonals);
+        text +=
+            &format!("{method}: micro-vertices moved by up to {max:.2e} diagonals, rms {rms:.2e}");
+        if let Some(pixels) = error.max_pixels {
+            text += &format!("; up to {pixels:.3} pixels");
+        }
+        text.push('\n');
+    }
+    text
 }

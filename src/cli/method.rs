@@ -1,8 +1,8 @@
-//! Ways of tracing by their names.
+//! Ways of tracing by their names, and how far they may move what they trace.
 
 use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use relievo::world::Method;
+use relievo::world::{MaxError, Method};
 
 /// A method by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -24,5 +24,20 @@ impl ValueEnum for MethodArgument {
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(self.0.name()).help(self.0.about()))
+    }
+}
+
+/// An error in pixels (`0.25px`) or in diagonals (`1e-5`).
+pub(super) fn max_error(text: &str) -> Result<MaxError, String> {
+    let (number, kind): (&str, fn(f32) -> MaxError) = match text.strip_suffix("px") {
+        Some(pixels) => (pixels.trim_end(), MaxError::Pixels),
+        None => (text, MaxError::Diagonals),
+    };
+    match number.parse::<f32>() {
+        Ok(error) if error > 0.0 && error.is_finite() => Ok(kind(error)),
+        _ => Err(
+            "it is not above 0: 0.25px is a quarter of a pixel, 1e-5 that part of the diagonal"
+                .to_owned(),
+        ),
     }
 }

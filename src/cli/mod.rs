@@ -1,12 +1,15 @@
 //! The command line, one file a command.
 
 mod bench;
+mod build;
 mod compare;
 mod eval;
 mod info;
+mod machine;
 mod method;
 mod render;
 mod scheme;
+mod staging;
 mod subdivide;
 mod verify;
 
@@ -46,6 +49,8 @@ struct Arguments {
 enum Command {
     /// Render a scene to a picture.
     Render(Box<render::Render>),
+    /// Keep the built hierarchies of a scene in a file, for renders that start at once.
+    Build(Box<build::Build>),
     /// Tell what is in a scene: cameras, meshes, lights, materials, memory.
     Info(info::Info),
     /// Refine a cage to a finer OBJ file.
@@ -79,9 +84,14 @@ pub(crate) fn run() -> ExitCode {
         .without_time()
         .with_target(false)
         .init();
-    let json = matches!(&arguments.command, Command::Render(render) if render.reports_json());
+    let json = match &arguments.command {
+        Command::Render(render) => render.reports_json(),
+        Command::Build(build) => build.reports_json(),
+        _ => false,
+    };
     let result = match arguments.command {
         Command::Render(render) => render.run(arguments.quiet),
+        Command::Build(build) => build.run(arguments.quiet),
         Command::Info(info) => info.run(),
         Command::Subdivide(subdivide) => subdivide.run(),
         Command::Eval(eval) => eval.run(),

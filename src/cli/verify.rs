@@ -7,7 +7,7 @@ use relievo::Result;
 use relievo::compare::verify;
 use serde_json::json;
 
-use super::compare::Compare;
+use super::compare::{Compare, moved};
 
 /// Check all ways of tracing against Embree's subdivision and against finely diced triangles.
 ///
@@ -61,6 +61,8 @@ impl Verify {
                 row.leaks
             );
         }
+        let rows = verified.rows.iter();
+        text += &moved(rows.map(|row| (row.method, row.achieved_error)));
         super::print(text.as_bytes())
     }
 }

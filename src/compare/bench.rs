@@ -3,9 +3,7 @@
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
 //! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
 //! scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
-//! scene. The hits are those of `embree-triangles`, for all methods; but the rays that leave from there start as far off
-//! as the method with the largest [error](crate::trace::SceneHit::error) there would let them: none of them has to meet
-//! what it starts from.
+//! scene. The hits are those of `embree-triangles`, for all methods.
 //!
 //! Distances are measured as [`verify()`](super::verify()) does, to the same surfaces diced four times as finely, or less
 //! where that would take too much memory. Such references are held as grids: those are the same micro-triangles, in a
@@ -26,9 +24,8 @@ use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::camera;
 use crate::scene::Description;
-use crate::shade::camera::Camera;
 use crate::trace::{Device, DeviceOptions, Scene};
-use crate::world::{Method, objects};
+use crate::world::{AchievedError, Method, objects};
 
 /// Times that everything is measured.
 const REPEATS: usize = 5;
@@ -111,6 +108,8 @@ pub struct BenchRow {
     pub bytes_per_micro_triangle: f64,
     /// Dicing and building trees, on all threads.
     pub build_seconds: f64,
+    /// How far the method moved micro-vertices, if it did.
+    pub achieved_error: Option<AchievedError>,
     /// Millions of rays a second.
     pub mrays: BySpeed,
     /// That over the same of `embree-triangles`.
@@ -136,6 +135,7 @@ struct Entry {
     /// All together.
     scene: Scene,
     bytes: u64,
+    error: Option<AchievedError>,
     builds: Vec<f64>,
     /// What rays to the reference and to triangles diced alike found.
     found: Option<[Found; 2]>,
@@ -198,7 +198,9 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     let all = objects(description, &mut warnings)?;
     let side = (options.rays.max(1) as f64).sqrt().ceil() as u32;
     let view = camera(description, [side, side])?;
-    let prepared = prepare(all, options.fineness, &|| camera(description, [960, 540]))?;
+    let prepared = prepare(all, (options.fineness, options.max_error), &|| {
+        camera(description, [960, 540])
+    })?;
     let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
 
     let mut methods = options.methods.clone();
@@ -229,8 +231,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
         .iter()
         .position(|entry| entry.method == Method::EmbreeTriangles)
         .expect("it was put among the methods");
-    let scenes: Vec<&Scene> = entries.iter().map(|entry| &entry.scene).collect();
-    let kinds = rays(&entries[twin].scene, &scenes, &view);
+    let kinds = rays(&entries[twin].scene, &view);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut counts = vec![1, threads];
     counts.dedup();
@@ -286,6 +287,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
                 bytes: entry.bytes,
                 bytes_per_micro_triangle: entry.bytes as f64 / micro_triangles.max(1) as f64,
                 build_seconds: median(&entry.builds),
+                achieved_error: entry.error,
                 mrays,
                 ratio,
                 rms_distance: entry.found.map(|[fine, _]| fine.rms()),
@@ -328,6 +330,7 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<Entry> {
     let bytes = own + device.memory().saturating_sub(before);
     Ok(Entry {
         method,
+        error: AchievedError::of_all(traced.iter().map(|t| t.error)),
         traced,
         scene,
         bytes: bytes as u64,
@@ -377,8 +380,8 @@ fn measure_distances(
     }))
 }
 
-/// The three kinds of rays: by the hits in `scene`, clear of the surfaces of `all`.
-fn rays(scene: &Scene, all: &[&Scene], view: &Camera) -> [(&'static str, Vec<Ray>); 3] {
+/// The three kinds of rays.
+fn rays(scene: &Scene, view: &crate::shade::camera::Camera) -> [(&'static str, Vec<Ray>); 3] {
     let [width, height] = view.resolution();
     let primary: Vec<Ray> = (0..height)
         .flat_map(|y| (0..width).map(move |x| Vec2::new(x as f32 + 0.5, y as f32 + 0.5)))
@@ -399,10 +402,7 @@ fn rays(scene: &Scene, all: &[&Scene], view: &Camera) -> [(&'static str, Vec<Ray
         } else {
             normal
         };
-        let errors = all
-            .iter()
-            .filter_map(|scene| Some(scene.intersect(ray)?.error));
-        let p = ray.at(hit.t) + errors.fold(0.0, f32::max) * normal;
+        let p = ray.at(hit.t);
         let offset = 1e-4 * (max - min).length();
         let local = (random.direction() + Vec3::Z).normalize_or(Vec3::Z);
         let start = |direction| Ray {

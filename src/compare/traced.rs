@@ -8,18 +8,19 @@ use crate::math::{Affine3A, Ray, Vec2, Vec3};
 use crate::shade::camera::Camera;
 use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
 use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv, sub_face_of};
-use crate::world::{HitPlaces, Method, Object};
+use crate::world::{AchievedError, HitPlaces, How, MaxError, Method, Object};
 
 /// An object of the scene at the fineness asked for.
 pub(super) struct Prepared {
     pub(super) object: Object,
     pub(super) rates: Rates,
+    max_error: MaxError,
 }
 
 /// All objects at the fineness asked for.
 pub(super) fn prepare(
     objects: Vec<Object>,
-    fineness: Fineness,
+    (fineness, max_error): (Fineness, MaxError),
     camera: &dyn Fn() -> Result<Camera>,
 ) -> Result<Vec<Prepared>> {
     let faces: u64 = objects
@@ -50,6 +51,7 @@ pub(super) fn prepare(
         .map(|object| Prepared {
             rates: rates(&object),
             object,
+            max_error,
         })
         .collect())
 }
@@ -63,12 +65,19 @@ impl Prepared {
     /// Builds a method's scene of this mesh alone.
     pub(super) fn build(&self, method: Method, rates: &Rates, device: &Device) -> Result<Traced> {
         let object = &self.object;
-        let (geometry, numbering, mut bytes) = if method == Method::EmbreeSubdivision {
+        let (geometry, numbering, mut bytes, error) = if method == Method::EmbreeSubdivision {
             let (geometry, base) = object.embree_subdivision(rates, device)?;
-            (geometry, Numbering::Embrees(base), 0)
+            (geometry, Numbering::Embrees(base), 0, None)
         } else {
-            let built = method.build(&object.surface, rates, device)?;
-            (built.geometry, Numbering::Ours(built.places), built.bytes)
+            let how = How {
+                max_error: self.max_error,
+                go_on: &|_| true,
+                keep: None,
+            };
+            let built = method.build(&object.surface, rates, device, how)?;
+            let error = built.error();
+            let numbering = Numbering::Ours(built.places);
+            (built.geometry, numbering, built.bytes, error)
         };
         bytes += geometry.memory();
         let mut builder = SceneBuilder::new(device, method.scene_options())?;
@@ -78,6 +87,7 @@ impl Prepared {
             numbering,
             surface: object.surface.clone(),
             bytes,
+            error,
         })
     }
 }
@@ -89,6 +99,8 @@ pub(super) struct Traced {
     surface: Arc<Surface>,
     /// Held beside Embree's.
     pub(super) bytes: usize,
+    /// How far the method moved micro-vertices, if it did.
+    pub(super) error: Option<AchievedError>,
 }
 
 /// How hits number faces.
@@ -217,7 +229,7 @@ mod tests {
             std::fs::write(&path, format!("{CUBE}{roof}")).expect("the folder takes files");
             let scene = obj::load(&path, &LoadOptions::default()).expect("a house");
             let objects = world::objects(&scene, &mut Warnings::default()).expect("a surface");
-            let fineness = Fineness::MicroTriangles(20_000);
+            let fineness = (Fineness::MicroTriangles(20_000), MaxError::Usual);
             let prepared = prepare(objects, fineness, &|| {
                 unreachable!("no pixels are asked for")
             })
@@ -230,17 +242,14 @@ mod tests {
             let mut random = Random::new(1);
             for _ in 0..300 {
                 let ray = Ray::new(Vec3::new(0.0, 0.0, 0.7), random.direction(), 0.0);
-                for (method, traced) in Method::ALL.iter().zip(&all) {
+                for traced in &all {
                     let hit = traced.scene.intersect(&ray).expect("it is closed");
                     let place = traced.place(&hit);
                     for other in &all {
                         let apart = other.smooth(place).position.distance(ray.at(hit.t));
-                        // Facets are this close; a wrong part of the face is a hundred times as far. Boxes are as
-                        // large as an eighth of a face here.
-                        let is_box = *method == Method::Compressed;
-                        let close = if is_box { 4e-2 } else { 1e-3 };
+                        // Facets are this close; a wrong part of the face is a hundred times as far.
                         assert!(
-                            apart < close * prepared.object.diagonal(),
+                            apart < 1e-3 * prepared.object.diagonal(),
                             "{apart} at {place:?}"
                         );
                     }

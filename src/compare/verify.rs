@@ -21,16 +21,13 @@ use crate::render::camera;
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{Method, objects};
+use crate::world::{AchievedError, Method, objects};
 
 /// How many times as fine references are, along an edge.
 const FINER: u32 = 4;
 
 /// Farther apart than this part of the box, two hits are not of one place, and their normals are not compared.
 const SAME_PLACE: f32 = 1e-3;
-
-/// Only a way through a mesh of so many times the hits' errors is surely within it.
-const DEEPER: f32 = 4.0;
 
 /// What was found.
 #[derive(Debug, Clone)]
@@ -62,6 +59,8 @@ pub struct VerifyRow {
     pub max_normal_degrees: f64,
     /// Rays that left a closed mesh from within.
     pub leaks: u64,
+    /// How far the method moved micro-vertices, if it did: a part of the distances.
+    pub achieved_error: Option<AchievedError>,
 }
 
 /// What rays found, in sums.
@@ -77,6 +76,7 @@ pub(super) struct Found {
     squares: f64,
     degrees: f64,
     leaks: u64,
+    error: Option<AchievedError>,
 }
 
 impl Found {
@@ -95,6 +95,7 @@ impl Found {
             squares: self.squares + other.squares,
             degrees: self.degrees.max(other.degrees),
             leaks: self.leaks + other.leaks,
+            error: AchievedError::of_all([self.error, other.error]),
         }
     }
 }
@@ -107,7 +108,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     let mut warnings = Warnings::default();
     let objects = objects(description, &mut warnings)?;
     let view = || camera(description, [960, 540]);
-    let prepared = prepare(objects, options.fineness, &view)?;
+    let prepared = prepare(objects, (options.fineness, options.max_error), &view)?;
     let mut found: Vec<(Method, &'static str, Found)> = Vec::new();
     for prepared in &prepared {
         let device = Device::new(&DeviceOptions::default())?;
@@ -134,6 +135,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
             for (name, reference) in references.into_iter().flatten() {
                 let now = Found {
                     leaks,
+                    error: traced.error,
                     ..compare(prepared, &traced, reference, options.rays)
                 };
                 match found
@@ -156,6 +158,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
         rms_distance: found.rms(),
         max_normal_degrees: found.degrees,
         leaks: found.leaks,
+        achieved_error: found.error,
     };
     Ok(Verified {
         rows: found.into_iter().map(row).collect(),
@@ -282,8 +285,7 @@ fn leaks(prepared: &Prepared, traced: &Traced, rays: u64) -> u64 {
             };
             // In through one side and out through the other.
             let sides = [first, second].map(|hit| hit.normal.dot(ray.direction));
-            let clear = 1e-3 * diagonal + DEEPER * (first.error + second.error);
-            if sides[0] * sides[1] >= 0.0 || second.t - first.t < clear {
+            if sides[0] * sides[1] >= 0.0 || second.t - first.t < 1e-3 * diagonal {
                 return false;
             }
             let inside = ray.at(0.5 * (first.t + second.t));

@@ -14,11 +14,13 @@ use std::sync::{Arc, LazyLock};
 
 use glam::{Mat3, Vec2, Vec4};
 use half::f16;
+use half::slice::HalfFloatSliceExt;
 use rayon::prelude::*;
 
 use super::border::{self, Info, Input, Kind, Pixels, Refusal};
 use super::{ColorSpace, ImageSource, Wrap, linear_from_srgb};
 use crate::error::Fault;
+use crate::store::Digest;
 
 /// The largest image that is loaded, in bytes: 32768 × 32768 bytes of RGBA. A header that promises more is
 /// damaged more often than meant, and must not make us ask the system for that memory.
@@ -163,6 +165,35 @@ impl Texture {
         let tile = &self.tiles[0];
         let [width, height] = tile.size;
         self.to_rec709(tile.texel(x.min(width - 1), y.min(height - 1)))
+    }
+
+    /// Adds all that lookups follow from.
+    pub(crate) fn add_to(&self, digest: &mut Digest) {
+        let Self {
+            tiles,
+            udim,
+            wrap,
+            rec709_from_image,
+        } = self;
+        digest.text(&format!("image {udim} {wrap:?} {rec709_from_image:?}"));
+        for tile in tiles {
+            let Tile {
+                number,
+                size,
+                layout,
+                pixels,
+                color,
+            } = tile;
+            digest.text(&format!("{number} {size:?} {layout:?}"));
+            match pixels {
+                Pixels::Byte(pixels) => {
+                    digest.numbers(pixels);
+                    digest.numbers(color.as_slice());
+                }
+                Pixels::Half(pixels) => digest.numbers::<u16>(pixels.reinterpret_cast()),
+                Pixels::Float(pixels) => digest.numbers(pixels),
+            }
+        }
     }
 
     /// Bytes that the pixels take.

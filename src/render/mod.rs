@@ -1,15 +1,18 @@
 //! From a scene file to a picture: the stages in their order.
 
+mod build;
 mod estimate;
 mod framing;
 mod output;
 mod progress;
 
+pub use build::{Recorded, build};
 pub use estimate::{Estimate, camera, estimate};
 pub use output::{AOVS, Aov, Output, PixelType};
 pub use progress::{Progress, ProgressStyle};
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use rayon::prelude::*;
@@ -24,8 +27,9 @@ use crate::shade::camera::{Camera, CameraOptions};
 use crate::shade::filter::Filter;
 use crate::shade::sampler::Sampler;
 use crate::stats::{Bytes, Rays, SceneCounts, Stage, Stats};
+use crate::store::Store;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{BuildOptions, World};
+use crate::world::{BuildOptions, Built, World};
 
 /// Everything that a render can be told. `None` leaves it to the scene, then to the default.
 #[derive(Debug, Clone)]
@@ -58,6 +62,8 @@ pub struct RenderOptions {
     pub depth_of_field: bool,
     /// How the world is built.
     pub build: BuildOptions,
+    /// Where the hierarchies lie that [`build()`] has built. The method must be the store's.
+    pub built: Option<Arc<Store>>,
 }
 
 /// The picture's size where neither the user nor the scene says one.
@@ -85,11 +91,15 @@ pub fn render(
     let mut output = options.output.clone();
     output.check()?;
 
-    // Load.
-    progress.stage("load", 1);
-    let description = stats.time("load", |_| scene::load(&options.scene, &options.load))?;
-    // Told before anything can fail: they often say why it does.
-    progress.warn(&description.warnings);
+    let staged = stage(options, progress, &mut stats, interrupt)?;
+    let Staged {
+        description,
+        camera,
+        resolution,
+        device,
+        pool,
+        film_bytes,
+    } = staged;
     if output.from_scene
         && let Some(name) = &description.settings.product_name
     {
@@ -97,58 +107,17 @@ pub fn render(
         output.check()?;
     }
     stats.scene_hash = hash(&description)?;
-    let (camera_source, framed) = framing::camera(&description, options.camera.as_deref())?;
-    if framed {
-        tracing::info!("the scene has no camera: it is framed whole");
-    }
-    let resolution = resolution(&description, options)?;
     let settings = &description.settings;
-    let camera = Camera::new(
-        &camera_source,
-        CameraOptions {
-            resolution,
-            conform: if framed {
-                AspectRatioConform::ExpandAperture
-            } else {
-                settings.conform
-            },
-            pixel_aspect: settings.pixel_aspect_ratio.unwrap_or(1.0),
-            depth_of_field: options.depth_of_field
-                && !settings.disable_depth_of_field.unwrap_or(false),
-        },
-    )?;
-    interrupted(interrupt)?;
 
-    // Build.
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
-        .build()
-        .map_err(|e| Error::failed(format!("cannot start {} threads: {e}", options.threads)))?;
-    let film_bytes = Film::bytes(resolution);
-    let for_embree = options
-        .memory_budget
-        .map(|budget| budget.saturating_sub(film_bytes));
-    if for_embree == Some(0) {
-        return Err(Error::Memory {
-            message: format!("the film alone takes {film_bytes} bytes"),
-            help: Some("raise --memory-budget or lower --res".into()),
-        });
-    }
-    let device = Device::new(&DeviceOptions {
-        threads: pool.current_num_threads(),
-        memory_budget: for_embree,
-        ..DeviceOptions::default()
-    })?;
-    progress.stage("build", 1000);
-    let built = stats.time("build", |_| {
-        pool.install(|| {
-            World::build(&description, &camera, &device, &options.build, &|done| {
-                progress.at((1000.0 * done) as u64);
-                !interrupt.load(Ordering::Relaxed)
-            })
-        })
+    let built = building(&pool, progress, &mut stats, interrupt, |go_on| {
+        let build = &options.build;
+        match &options.built {
+            Some(store) => World::stored(&description, &camera, &device, build, store, go_on),
+            None => World::build(&description, &camera, &device, build, go_on),
+        }
     })?;
     let world = built.world;
+    stats.achieved_error = built.error;
     stats.bytes = Bytes {
         control_meshes: description.shapes.iter().map(|s| s.geometry.memory()).sum(),
         embree: device.memory(),
@@ -218,6 +187,95 @@ pub fn render(
     }
     interrupted(interrupt)?;
     Ok(stats)
+}
+
+/// What is there before anything is built.
+struct Staged {
+    description: Description,
+    camera: Camera,
+    /// Of the whole picture.
+    resolution: [u32; 2],
+    device: Device,
+    pool: rayon::ThreadPool,
+    film_bytes: usize,
+}
+
+/// Loads the scene, and prepares camera, threads and Embree.
+fn stage(
+    options: &RenderOptions,
+    progress: &Progress,
+    stats: &mut Stats,
+    interrupt: &AtomicBool,
+) -> Result<Staged> {
+    progress.stage("load", 1);
+    let description = stats.time("load", |_| scene::load(&options.scene, &options.load))?;
+    // Told before anything can fail: they often say why it does.
+    progress.warn(&description.warnings);
+    let (camera_source, framed) = framing::camera(&description, options.camera.as_deref())?;
+    if framed {
+        tracing::info!("the scene has no camera: it is framed whole");
+    }
+    let resolution = resolution(&description, options)?;
+    let settings = &description.settings;
+    let camera = Camera::new(
+        &camera_source,
+        CameraOptions {
+            resolution,
+            conform: if framed {
+                AspectRatioConform::ExpandAperture
+            } else {
+                settings.conform
+            },
+            pixel_aspect: settings.pixel_aspect_ratio.unwrap_or(1.0),
+            depth_of_field: options.depth_of_field
+                && !settings.disable_depth_of_field.unwrap_or(false),
+        },
+    )?;
+    interrupted(interrupt)?;
+
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.threads)
+        .build()
+        .map_err(|e| Error::failed(format!("cannot start {} threads: {e}", options.threads)))?;
+    let film_bytes = Film::bytes(resolution);
+    let for_embree = options
+        .memory_budget
+        .map(|budget| budget.saturating_sub(film_bytes));
+    if for_embree == Some(0) {
+        return Err(Error::Memory {
+            message: format!("the film alone takes {film_bytes} bytes"),
+            help: Some("raise --memory-budget or lower --res".into()),
+        });
+    }
+    let device = Device::new(&DeviceOptions {
+        threads: pool.current_num_threads(),
+        memory_budget: for_embree,
+        ..DeviceOptions::default()
+    })?;
+    Ok(Staged {
+        description,
+        camera,
+        resolution,
+        device,
+        pool,
+        film_bytes,
+    })
+}
+
+/// The stage `build` on the pool's threads. `build` is handed what it is to tell how far it is, and whether to go on.
+fn building(
+    pool: &rayon::ThreadPool,
+    progress: &Progress,
+    stats: &mut Stats,
+    interrupt: &AtomicBool,
+    build: impl FnOnce(&(dyn Fn(f64) -> bool + Sync)) -> Result<Built> + Send,
+) -> Result<Built> {
+    progress.stage("build", 1000);
+    let go_on = |done: f64| {
+        progress.at((1000.0 * done) as u64);
+        !interrupt.load(Ordering::Relaxed)
+    };
+    stats.time("build", |_| pool.install(|| build(&go_on)))
 }
 
 fn interrupted(interrupt: &AtomicBool) -> Result<()> {

@@ -120,9 +120,17 @@ fn snapped(x: u16, n: u16, c: u16) -> u16 {
     ((2 * x + 1) * c / (2 * n)) as u16
 }
 
+/// Faces that are diced before progress is told of.
+const BATCH: usize = 512;
+
 impl Diced {
     /// Dices all faces, on all threads. The bytes are the same for any number of threads.
     pub fn new(surface: &Surface, rates: &Rates) -> Self {
+        Self::watched(surface, rates, &|_| true).expect("nobody ends it")
+    }
+
+    /// The same; `go_on` is told how far it is, 0..1, and ends it by false: then there is none.
+    pub fn watched(surface: &Surface, rates: &Rates, go_on: &dyn Fn(f64) -> bool) -> Option<Self> {
         let base = surface.base();
         let mut grids = Vec::new();
         let mut starts = vec![0];
@@ -139,25 +147,33 @@ impl Diced {
             starts.push(first_vertex as usize);
             grids.push(grid);
         }
-        let positions = (0..base.keys())
+        let all = grids.len() * base.keys() as usize;
+        let mut done = 0;
+        let positions: Option<Vec<Vec<Vec3>>> = (0..base.keys())
             .map(|key| {
                 let shared = SharedSamples::new(surface, rates, key);
                 let mut positions = vec![Vec3::ZERO; first_vertex as usize];
-                let faces: Vec<_> = grids.iter().zip(split(&mut positions, &starts)).collect();
-                faces.into_par_iter().with_min_len(4).for_each_init(
-                    Scratch::default,
-                    |scratch, (grid, out)| {
-                        surface.dice_face(grid, key, &shared, scratch, out);
-                    },
-                );
-                positions
+                let mut faces: Vec<_> = grids.iter().zip(split(&mut positions, &starts)).collect();
+                for batch in faces.chunks_mut(BATCH) {
+                    batch.par_iter_mut().with_min_len(4).for_each_init(
+                        Scratch::default,
+                        |scratch, (grid, out)| {
+                            surface.dice_face(grid, key, &shared, scratch, out);
+                        },
+                    );
+                    done += batch.len();
+                    if !go_on(done as f64 / all as f64) {
+                        return None;
+                    }
+                }
+                Some(positions)
             })
             .collect();
-        Self {
-            positions: Arc::new(positions),
+        Some(Self {
+            positions: Arc::new(positions?),
             grids: Arc::new(Grids(grids)),
             left_handed: base.left_handed(),
-        }
+        })
     }
 
     /// The micro-vertices at each motion key. A vertex on an edge is there once for each of its faces, with one value.

@@ -5,6 +5,8 @@
 //! than foreshortened, so that silhouettes and what mirrors show are as fine as the rest. An edge is measured once,
 //! on the points that its faces share; a face may be finer than its edges where its middle lines are longer.
 
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use rayon::prelude::*;
 
 use super::adjacency::Side;
@@ -76,6 +78,11 @@ impl<'a> Places<'a> {
         }
     }
 
+    /// Those that decide.
+    pub(crate) fn world_from_object(&self) -> &[Affine3A] {
+        &self.world_from_object
+    }
+
     /// The length in pixels of the segment between two points of the surface, where it is longest.
     pub fn pixels(&self, a: Vec3, b: Vec3) -> f32 {
         self.world_from_object
@@ -102,11 +109,13 @@ impl<'a> Places<'a> {
 }
 
 /// Segments of each edge, and of each face along u and v.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Rates {
     edges: Vec<u16>,
     /// At least those of the face's edges; 0 for holes.
     faces: Vec<[u16; 2]>,
+    /// See [`pixels_per_unit`](Self::pixels_per_unit).
+    closest: Option<f32>,
 }
 
 impl Rates {
@@ -124,6 +133,12 @@ impl Rates {
     /// By the length of micro-edges on the screen.
     pub fn on_screen(surface: &Surface, places: &Places<'_>, dicing: &Dicing) -> Self {
         Measure::new(surface, places, dicing).rates()
+    }
+
+    /// Pixels that a unit of the object covers where it is seen from closest by; beyond the picture they count for as
+    /// much less as dicing is coarser there. None of rates that know no view, and of a surface without an extent.
+    pub fn pixels_per_unit(&self) -> Option<f32> {
+        self.closest
     }
 
     /// The segments of an edge.
@@ -184,7 +199,11 @@ impl Rates {
                 [u.max(edge(0)).max(edge(2)), v.max(edge(1)).max(edge(3))]
             })
             .collect();
-        Self { edges, faces }
+        Self {
+            edges,
+            faces,
+            closest: None,
+        }
     }
 }
 
@@ -197,6 +216,9 @@ struct Measure<'a> {
     vertices: Vec<Vec<Vec3>>,
     /// What lengths of each face are multiplied by; 1 on the screen.
     factors: Vec<f32>,
+    /// The most pixels that a unit of a measured line covered, times its factor, as bits: those of numbers from 0 on
+    /// have the numbers' order.
+    closest: AtomicU32,
 }
 
 impl<'a> Measure<'a> {
@@ -232,11 +254,17 @@ impl<'a> Measure<'a> {
                 .into_par_iter()
                 .map(factor)
                 .collect(),
+            closest: AtomicU32::new(0),
         }
     }
 
     fn rates(&self) -> Rates {
-        Rates::new(self.surface, |edge| self.edge(edge), |face| self.face(face))
+        let rates = Rates::new(self.surface, |edge| self.edge(edge), |face| self.face(face));
+        let closest = f32::from_bits(self.closest.load(Ordering::Relaxed));
+        Rates {
+            closest: (closest > 0.0).then_some(closest),
+            ..rates
+        }
     }
 
     fn edge(&self, edge: u32) -> u32 {
@@ -262,7 +290,7 @@ impl<'a> Measure<'a> {
                 .edge_points(edge, key as u32, &mut scratch, &mut samples);
             let [first, last] = ends.map(|end| self.vertices[key][end]);
             let points = std::iter::once(first).chain(samples.iter().copied());
-            self.length(points.chain([last]))
+            self.length(factor, points.chain([last]))
         })
     }
 
@@ -275,7 +303,7 @@ impl<'a> Measure<'a> {
                 let line =
                     self.surface
                         .inner_line(face, along_u, segments, key as u32, &mut scratch);
-                self.length(line.iter().copied())
+                self.length(factor, line.iter().copied())
             })
         })
     }
@@ -300,10 +328,21 @@ impl<'a> Measure<'a> {
         }
     }
 
-    fn length(&self, mut points: impl Iterator<Item = Vec3>) -> f32 {
+    /// The length of a line in pixels. `factor` is its face's, for the closest view.
+    fn length(&self, factor: f32, mut points: impl Iterator<Item = Vec3>) -> f32 {
         let mut from = points.next().unwrap_or(Vec3::ZERO);
-        points
-            .map(|to| self.places.pixels(std::mem::replace(&mut from, to), to))
-            .sum()
+        let mut closest = 0.0_f32;
+        let sum = points
+            .map(|to| {
+                let from = std::mem::replace(&mut from, to);
+                let (pixels, units) = (self.places.pixels(from, to), from.distance(to));
+                if units > 0.0 && pixels.is_finite() {
+                    closest = closest.max(factor * pixels / units);
+                }
+                pixels
+            })
+            .sum();
+        self.closest.fetch_max(closest.to_bits(), Ordering::Relaxed);
+        sum
     }
 }

@@ -335,6 +335,8 @@ struct Progress<'a> {
 unsafe extern "C" fn on_progress(user: *mut c_void, fraction: f64) -> bool {
     // SAFETY: the pointer that `commit` set, whose target outlives the commit.
     let progress = unsafe { &*user.cast::<Progress<'_>>() };
+    // Embree counts beyond what it had expected.
+    let fraction = fraction.clamp(0.0, 1.0);
     progress.panics.guard(false, || (progress.tell)(fraction))
 }
 

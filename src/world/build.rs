@@ -10,9 +10,10 @@ use super::geometry::{Displaced, Maker, Wanted};
 use super::method::Method;
 use super::shape::Shape;
 use super::stand::Stand;
+use super::stored::Source;
 use super::worn::{Wardrobe, Wearer};
 use super::{Entry, Placed, World, patch};
-use crate::accel::Intersector;
+use crate::accel::{Intersector, MaxError};
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::Texture;
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
@@ -22,6 +23,8 @@ use crate::shade::camera::Camera;
 use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
 use crate::shade::texture_map::Lookup;
+use crate::stats::AchievedError;
+use crate::store::{Store, Writer};
 use crate::surface::Dicing;
 use crate::trace::{Device, Geometry, Scene, SceneBuilder};
 
@@ -32,6 +35,8 @@ pub struct BuildOptions {
     pub method: Method,
     /// How finely they are diced.
     pub dicing: Dicing,
+    /// The farthest that a method which compresses may move a micro-vertex.
+    pub max_error: MaxError,
     /// Everything Lambert with this albedo; displacement stays.
     pub clay: Option<f32>,
     /// Textures that cannot be read become this colour instead of an error.
@@ -48,6 +53,8 @@ pub struct Built {
     pub texture_bytes: usize,
     /// Bytes of limit surfaces, and of what the method holds beside Embree.
     pub surface_bytes: usize,
+    /// How far micro-vertices were moved, by methods that do.
+    pub error: Option<AchievedError>,
     /// What was noticed.
     pub warnings: Warnings,
 }
@@ -65,6 +72,60 @@ impl World {
         options: &BuildOptions,
         go_on: &(dyn Fn(f64) -> bool + Sync),
     ) -> Result<Built> {
+        Self::from(description, camera, device, options, Source::Built, go_on)
+    }
+
+    /// The same, and writes what the method builds to a store.
+    ///
+    /// # Errors
+    /// As [`build`](Self::build), and if the store cannot be written.
+    ///
+    /// # Panics
+    /// If the method [is not stored](Method::is_stored).
+    pub fn record(
+        description: &Description,
+        camera: &Camera,
+        device: &Device,
+        options: &BuildOptions,
+        store: &mut Writer,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Built> {
+        let source = Source::Recorded(store);
+        Self::from(description, camera, device, options, source, go_on)
+    }
+
+    /// The same with what lies in a store, so that nothing is built.
+    ///
+    /// # Errors
+    /// As [`build`](Self::build), and if the store holds something else, or is damaged.
+    ///
+    /// # Panics
+    /// If the method [is not stored](Method::is_stored).
+    pub fn stored(
+        description: &Description,
+        camera: &Camera,
+        device: &Device,
+        options: &BuildOptions,
+        store: &Store,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Built> {
+        let source = Source::Stored(store);
+        Self::from(description, camera, device, options, source, go_on)
+    }
+
+    fn from(
+        description: &Description,
+        camera: &Camera,
+        device: &Device,
+        options: &BuildOptions,
+        source: Source<'_>,
+        go_on: &(dyn Fn(f64) -> bool + Sync),
+    ) -> Result<Built> {
+        assert!(
+            matches!(source, Source::Built) || options.method.is_stored(),
+            "{} is not stored",
+            options.method.name()
+        );
         let mut warnings = Warnings::default();
         let textures = load_textures(description, options, &mut warnings)?;
         let texture_bytes = textures.iter().map(|t| t.memory()).sum();
@@ -75,8 +136,12 @@ impl World {
             device,
             camera,
             options,
+            source,
+            go_on: &|done| go_on(0.5 * done),
+            share: [0.0; 2],
             heights: Heights::new(&textures),
             bytes: 0,
+            error: None,
         };
 
         // Where each shape stands, and whether it can be built in world space right away.
@@ -94,7 +159,8 @@ impl World {
         let mut bounds = Bounds3::EMPTY;
         let mut transparent = false;
         for (number, (shape, places)) in description.shapes.iter().zip(&places).enumerate() {
-            go_on_or_stop(go_on, 0.5 * number as f64 / description.shapes.len() as f64)?;
+            maker.share = [number, number + 1].map(|n| n as f64 / description.shapes.len() as f64);
+            go_on_or_stop(go_on, 0.5 * maker.share[0])?;
             let keys = |place: u32| -> Vec<Affine3A> {
                 description.placements[place as usize]
                     .world_from_object
@@ -168,10 +234,7 @@ impl World {
             } else if !places.is_empty() {
                 let mut own = SceneBuilder::new(device, scene_options)?;
                 own.attach(geometry);
-                let own =
-                    Arc::new(own.commit(&|_| {
-                        go_on(0.5 * number as f64 / description.shapes.len() as f64)
-                    })?);
+                let own = Arc::new(own.commit(&|_| go_on(0.5 * maker.share[1]))?);
                 for &place in places {
                     let id = builder.instance(own.clone(), &keys(place))?;
                     entries.insert(id, Entry::Placed(place));
@@ -227,6 +290,7 @@ impl World {
             world,
             texture_bytes,
             surface_bytes: maker.bytes,
+            error: maker.error,
             warnings,
         })
     }

@@ -8,6 +8,7 @@ use crate::math::{Bounds3, Vec2, Vec3};
 use crate::scene::{self, Input, TextureMap};
 use crate::shade::material::Material;
 use crate::shade::texture_map::{Primvars, Read, StTransform};
+use crate::store::Digest;
 use crate::surface::{
     Amount, Carrier, Channels, Displacement, DisplacementMap, Function, ImageMap,
 };
@@ -18,6 +19,8 @@ pub(super) struct Heights<'a> {
     textures: &'a [Arc<Texture>],
     /// By texture and component.
     maps: HashMap<(usize, u8), ImageMap>,
+    /// By texture.
+    digests: HashMap<usize, String>,
 }
 
 /// The name of the primvar whose values are a displacement's texture coordinates, if it reads an image.
@@ -34,6 +37,7 @@ impl<'a> Heights<'a> {
         Self {
             textures,
             maps: HashMap::new(),
+            digests: HashMap::new(),
         }
     }
 
@@ -67,6 +71,22 @@ impl<'a> Heights<'a> {
             }
         };
         Displacement::Scalar(Amount { map, scale, bias })
+    }
+
+    /// The image that a height reads, in a digest; each image is gone through once.
+    pub(super) fn digest(&mut self, height: Option<&Input<f32>>) -> Digest {
+        let mut digest = Digest::new();
+        if let Some(Input::Texture(map)) = height
+            && let Some(texture) = self.textures.get(map.texture)
+        {
+            let of_image = self.digests.entry(map.texture).or_insert_with(|| {
+                let mut digest = Digest::new();
+                texture.add_to(&mut digest);
+                digest.finish()
+            });
+            digest.text(of_image);
+        }
+        digest
     }
 
     /// An image at a surface's own texture coordinates.

@@ -5,15 +5,18 @@ use std::sync::Arc;
 
 use super::build::BuildOptions;
 use super::displacement::{Heights, by_callback, coordinates};
-use super::method::Method;
-use super::patch::notice;
+use super::method::{How, Method, TracedSurface};
+use super::patch;
 use super::shape::{Polygons, Smooth, Surface};
+use super::stored::{self, Cage, Source};
+use crate::accel::Accuracy;
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3};
 use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule, triangulate};
 use crate::scene::Input;
 use crate::shade::camera::Camera;
 use crate::shade::material::Material;
+use crate::stats::AchievedError;
 use crate::surface::{self, Carrier, Displacement, Patch, Places, Rates, Subdivision};
 use crate::trace::{self, Device, Geometry, SubdivisionOptions, check_limits};
 
@@ -22,9 +25,16 @@ pub(super) struct Maker<'a> {
     pub(super) device: &'a Device,
     pub(super) camera: &'a Camera,
     pub(super) options: &'a BuildOptions,
+    pub(super) source: Source<'a>,
+    /// Told how far the scene's surfaces are, 0..1; ends the build by false.
+    pub(super) go_on: &'a dyn Fn(f64) -> bool,
+    /// The part of the surfaces that the one at hand is, from where to where.
+    pub(super) share: [f64; 2],
     pub(super) heights: Heights<'a>,
     /// Bytes that surfaces and methods hold beside Embree.
     pub(super) bytes: usize,
+    /// How far micro-vertices were moved, by methods that do.
+    pub(super) error: Option<AchievedError>,
 }
 
 /// What displaces a shape.
@@ -72,10 +82,13 @@ impl Maker<'_> {
         let carrier: Arc<dyn Carrier> = base.clone();
         let surface = self.displaced(&carrier, wanted);
         let bounds = Bounds3::of(mesh.used_points());
-        let rates = self.rates(&surface, &bounds, wanted, warnings);
+        let places = Places::nearest(self.camera, &bounds, wanted.places);
         if self.options.method == Method::EmbreeSubdivision {
             match embree_differs(mesh) {
-                None => return self.embree_subdivision(mesh, &base, &rates, wanted),
+                None => {
+                    let rates = self.rates(&surface, &places, wanted, warnings);
+                    return self.embree_subdivision(mesh, &base, &rates, wanted);
+                }
                 Some(reason) => warnings.add(format!("not in Embree: {reason}"), || {
                     format!(
                         "{}: {reason}; it is traced as {}",
@@ -85,24 +98,26 @@ impl Maker<'_> {
                 }),
             }
         }
-        self.surface(carrier, surface, &rates, wanted)
+        let smooth = (carrier, surface);
+        self.surface(Cage::Mesh(mesh), smooth, &places, wanted, warnings)
     }
 
     /// A NURBS patch. Embree knows none: under the name of its subdivision they are traced as our triangles, too.
     pub(super) fn patch(
         &mut self,
-        patch: &NurbsPatch,
+        nurbs: &NurbsPatch,
         wanted: &Wanted<'_>,
         warnings: &mut Warnings,
     ) -> Result<(Geometry, Surface)> {
         let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
         let st = wanted.displaced.and_then(|d| coordinates(d.height));
-        let base = Patch::new(patch, &names, st)?;
-        notice(patch, &base, wanted.path, warnings);
+        let base = Patch::new(nurbs, &names, st)?;
+        patch::notice(nurbs, &base, wanted.path, warnings);
         let carrier: Arc<dyn Carrier> = Arc::new(base);
         let surface = self.displaced(&carrier, wanted);
-        let rates = self.rates(&surface, &patch.bounds(), wanted, warnings);
-        self.surface(carrier, surface, &rates, wanted)
+        let places = Places::nearest(self.camera, &nurbs.bounds(), wanted.places);
+        let smooth = (carrier, surface);
+        self.surface(Cage::Patch(nurbs), smooth, &places, wanted, warnings)
     }
 
     fn displaced(&mut self, carrier: &Arc<dyn Carrier>, wanted: &Wanted<'_>) -> surface::Surface {
@@ -115,12 +130,11 @@ impl Maker<'_> {
     fn rates(
         &self,
         surface: &surface::Surface,
-        bounds: &Bounds3,
+        places: &Places<'_>,
         wanted: &Wanted<'_>,
         warnings: &mut Warnings,
     ) -> Rates {
-        let places = Places::nearest(self.camera, bounds, wanted.places);
-        let rates = Rates::on_screen(surface, &places, &self.options.dicing);
+        let rates = Rates::on_screen(surface, places, &self.options.dicing);
         surface.report(wanted.path, warnings);
         rates
     }
@@ -128,14 +142,26 @@ impl Maker<'_> {
     /// A surface of ours by the method asked for.
     fn surface(
         &mut self,
-        carrier: Arc<dyn Carrier>,
-        surface: surface::Surface,
-        rates: &Rates,
+        cage: Cage<'_>,
+        (carrier, surface): (Arc<dyn Carrier>, surface::Surface),
+        places: &Places<'_>,
         wanted: &Wanted<'_>,
+        warnings: &mut Warnings,
     ) -> Result<(Geometry, Surface)> {
-        self.check_memory(rates, carrier.keys(), wanted)?;
         let surface = Arc::new(surface);
-        let traced = self.options.method.build(&surface, rates, self.device)?;
+        let traced = if let Source::Stored(store) = self.source {
+            let digest = self.digest(cage, places, wanted);
+            let sections = store.object(wanted.path, &digest)?;
+            (self.options.method).stored(&surface, self.device, &sections)?
+        } else {
+            let rates = self.rates(&surface, places, wanted, warnings);
+            self.check_memory(&rates, carrier.keys(), wanted)?;
+            self.build(cage, &surface, &rates, places, wanted)?
+        };
+        if let Some(accuracy) = &traced.accuracy {
+            notice(accuracy, wanted.path, warnings);
+        }
+        self.error = AchievedError::of_all([self.error, traced.error()]);
         self.bytes += traced.bytes + traced.geometry.memory() + surface.memory();
         let smooth = Smooth {
             surface,
@@ -143,6 +169,34 @@ impl Maker<'_> {
             places: traced.places,
         };
         Ok((traced.geometry, Surface::Smooth(smooth)))
+    }
+
+    fn build(
+        &mut self,
+        cage: Cage<'_>,
+        surface: &Arc<surface::Surface>,
+        rates: &Rates,
+        places: &Places<'_>,
+        wanted: &Wanted<'_>,
+    ) -> Result<TracedSurface> {
+        let recorded = matches!(self.source, Source::Recorded(_));
+        let digest = recorded.then(|| self.digest(cage, places, wanted));
+        let ([from, to], go_on) = (self.share, self.go_on);
+        let mut keep = |sections: &[(&str, &[u8])]| match (&mut self.source, &digest) {
+            (Source::Recorded(store), Some(digest)) => store.add(wanted.path, digest, sections),
+            _ => Ok(()),
+        };
+        let how = How {
+            max_error: self.options.max_error,
+            go_on: &|done| go_on(from + (to - from) * done),
+            keep: recorded.then_some(&mut keep),
+        };
+        (self.options.method).build(surface, rates, self.device, how)
+    }
+
+    fn digest(&mut self, cage: Cage<'_>, places: &Places<'_>, wanted: &Wanted<'_>) -> String {
+        let image = self.heights.digest(wanted.displaced.map(|d| d.height));
+        stored::digest(image, cage, wanted, places, self.camera, self.options)
     }
 
     fn embree_subdivision(
@@ -191,6 +245,18 @@ impl Maker<'_> {
                 (10.0 * rate).ceil() / 10.0
             )),
         })
+    }
+}
+
+/// Warns of an error that the lattice could not keep to.
+fn notice(accuracy: &Accuracy, path: &str, warnings: &mut Warnings) {
+    let &Accuracy { asked, max, .. } = accuracy;
+    if max > asked * (1.0 + 1e-6) {
+        warnings.add("max error", || {
+            format!(
+                "{path}: micro-vertices are moved by up to {max:.1e} units, not {asked:.1e}: a lattice of 24 bits is no finer"
+            )
+        });
     }
 }
 

@@ -3,10 +3,13 @@
 use std::sync::Arc;
 
 use crate::accel::{
-    Compact, CompactOptions, Compressed, CompressedOptions, Intersector, Tessellated, Trimmed,
+    Accuracy, Compact, CompactOptions, Compressed, Intersector, Keep, MaxError, Tessellated,
+    Trimmed,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::Vec2;
+use crate::stats::AchievedError;
+use crate::store::Sections;
 use crate::surface::{Diced, Grids, Rates, Surface};
 use crate::trace::{Device, Geometry, SceneHit, SceneOptions, diced_grid_uv, diced_triangle_uv};
 
@@ -26,7 +29,7 @@ pub enum Method {
     Tessellated,
     /// Our micro-triangles quantised, in trees without pointers.
     Compact,
-    /// Boxes around a few of our micro-triangles each, in trees without pointers.
+    /// Thin slabs around a few of our micro-triangles each, in trees without pointers.
     Compressed,
 }
 
@@ -38,6 +41,25 @@ pub struct TracedSurface {
     pub places: HitPlaces,
     /// Bytes held beside Embree's.
     pub bytes: usize,
+    /// How far the method moved micro-vertices, if it did.
+    pub accuracy: Option<Accuracy>,
+}
+
+impl TracedSurface {
+    /// How far the method moved micro-vertices, if it did, by the object's size and in pixels.
+    pub fn error(&self) -> Option<AchievedError> {
+        self.accuracy.as_ref().map(Accuracy::achieved)
+    }
+}
+
+/// How a surface is to be built.
+pub struct How<'a> {
+    /// The farthest that a method which compresses may move a micro-vertex.
+    pub max_error: MaxError,
+    /// Told how far it is, 0..1; ends it by false.
+    pub go_on: &'a dyn Fn(f64) -> bool,
+    /// Takes what is built, if the method [is stored](Method::is_stored).
+    pub keep: Option<&'a mut Keep<'a>>,
 }
 
 /// From a hit to the face, and the parameters on it.
@@ -88,7 +110,9 @@ impl Method {
             Self::EmbreeGridCompact => "the same grids in Embree's compact trees: a sixth smaller",
             Self::Tessellated => "micro-triangles in a plain tree of our own: slow",
             Self::Compact => "micro-triangles at about a byte each, in trees of our own",
-            Self::Compressed => "boxes around a few micro-triangles each, at half a byte for one",
+            Self::Compressed => {
+                "thin slabs around a few micro-triangles each, at about half a byte for one"
+            }
         }
     }
 
@@ -113,47 +137,85 @@ impl Method {
         }
     }
 
+    /// Whether what it builds can be kept in a [`Store`](crate::store::Store).
+    pub fn is_stored(self) -> bool {
+        self == Self::Compact
+    }
+
+    /// What was built of a surface, from a store.
+    ///
+    /// # Errors
+    /// If it is not what the method builds of such a surface, or Embree fails.
+    ///
+    /// # Panics
+    /// If the method [is not stored](Self::is_stored).
+    pub fn stored(
+        self,
+        surface: &Arc<Surface>,
+        device: &Device,
+        sections: &Sections<'_>,
+    ) -> Result<TracedSurface> {
+        assert!(self.is_stored(), "{} is not stored", self.name());
+        let tree = Compact::stored(surface, sections)?;
+        let accuracy = Some(tree.accuracy());
+        let (geometry, places, bytes) = of_hit(tree, surface, device)?;
+        Ok(TracedSurface {
+            geometry,
+            places,
+            bytes,
+            accuracy,
+        })
+    }
+
     /// Builds a surface. Embree's subdivision knows control meshes, but not our surfaces: under its name they become
     /// Embree's triangles.
     ///
     /// # Errors
-    /// If there are more micro-triangles than the method can number, or memory runs out.
+    /// If there are more micro-triangles than the method can number, or memory runs out; if it is ended; if an error in
+    /// pixels is asked for, and the rates know of none.
     pub fn build(
         self,
         surface: &Arc<Surface>,
         rates: &Rates,
         device: &Device,
+        how: How<'_>,
     ) -> Result<TracedSurface> {
-        let diced = || Arc::new(Diced::new(surface, rates));
+        let mut accuracy = None;
+        let diced = || {
+            let diced = Diced::watched(surface, rates, how.go_on);
+            diced.map(Arc::new).ok_or(Error::Interrupted)
+        };
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {
-                let diced = diced();
+                let diced = diced()?;
                 let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_triangles(device, &diced)?;
                 (geometry, HitPlaces::Triangles(grids), bytes)
             }
             Self::EmbreeGrid | Self::EmbreeGridCompact => {
-                let diced = diced();
+                let diced = diced()?;
                 let grids = diced.shared_grids().clone();
                 let bytes = grids.memory();
                 let geometry = Geometry::diced_grids(device, &diced)?;
                 (geometry, HitPlaces::Grids(grids), bytes)
             }
-            Self::Tessellated => {
-                let (geometry, bytes) = user(Tessellated::build(diced()), surface, device)?;
-                (geometry, HitPlaces::OfHit, bytes)
-            }
+            Self::Tessellated => of_hit(Tessellated::build(diced()?), surface, device)?,
             Self::Compact => {
                 // It dices by itself, a few rows at a time.
-                let tree = Compact::build(surface, rates, &CompactOptions::default(), &|_| true)?;
-                let (geometry, bytes) = user(tree, surface, device)?;
-                (geometry, HitPlaces::OfHit, bytes)
+                let options = CompactOptions {
+                    max_error: how.max_error,
+                };
+                let tree = Compact::build(surface, rates, &options, how.go_on)?;
+                accuracy = Some(tree.accuracy());
+                if let Some(keep) = how.keep {
+                    tree.store(keep)?;
+                }
+                of_hit(tree, surface, device)?
             }
             Self::Compressed => {
-                let options = CompressedOptions::default();
-                let tree = Compressed::build(surface, rates, &options, &|_| true)?;
-                let (geometry, bytes) = user(tree, surface, device)?;
+                let tree = Compressed::build(surface, rates, how.go_on)?;
+                let (geometry, _, bytes) = of_hit(tree, surface, device)?;
                 (geometry, HitPlaces::NearHit, bytes)
             }
         };
@@ -162,23 +224,24 @@ impl Method {
             geometry,
             places,
             bytes,
+            accuracy,
         })
     }
 }
 
-/// A method of our own on what is kept of a surface, and the bytes that it holds.
-fn user<I: Intersector + 'static>(
+/// A method of our own on what is kept of a surface.
+fn of_hit<I: Intersector + 'static>(
     method: I,
     surface: &Arc<Surface>,
     device: &Device,
-) -> Result<(Geometry, usize)> {
+) -> Result<(Geometry, HitPlaces, usize)> {
     let bytes = method.memory();
     let geometry = if surface.base().is_trimmed() {
         Geometry::user(device, Arc::new(Trimmed::new(method, surface.clone())))?
     } else {
         Geometry::user(device, Arc::new(method))?
     };
-    Ok((geometry, bytes))
+    Ok((geometry, HitPlaces::OfHit, bytes))
 }
 
 impl HitPlaces {

@@ -10,14 +10,17 @@ mod objects;
 mod patch;
 mod shape;
 mod stand;
+mod stored;
 mod worn;
 
 pub use build::{BuildOptions, Built};
 pub use estimate::micro_triangles;
 pub use interaction::Interaction;
-pub use method::{HitPlaces, Method, TracedSurface};
+pub use method::{HitPlaces, How, Method, TracedSurface};
 pub use objects::{Object, objects};
 
+pub use crate::accel::MaxError;
+pub use crate::stats::AchievedError;
 pub use crate::surface::Dicing;
 
 use crate::accel::Hit;

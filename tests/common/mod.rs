@@ -38,6 +38,7 @@ pub fn options(scene: &Path, picture: &Path) -> RenderOptions {
             default_dome: 1.0,
             ..BuildOptions::default()
         },
+        built: None,
     }
 }
 

@@ -21,7 +21,7 @@ pub(super) const SIDE: usize = 8;
 pub(super) const CELLS: usize = SIDE - 1;
 
 /// Bytes of a head.
-const HEAD: usize = 24;
+pub(super) const HEAD: usize = 24;
 /// Blocks start at multiples of this many bytes.
 pub(super) const UNIT: usize = 4;
 /// Bytes after the last block, so that fields can be read by the register.

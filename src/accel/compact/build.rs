@@ -16,10 +16,6 @@ use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
-/// The usual bound on the error, in diagonals of the object. Roundings are even within a cube: along a normal, the root
-/// of their mean square is a third of the bound at a vertex and 1 / sqrt(18) of it over a triangle, here below 1e-5.
-const USUAL_ERROR: f32 = 3.6e-5;
-
 /// Bands that are in work at once.
 const BATCH: usize = 256;
 
@@ -53,7 +49,8 @@ impl Compact {
     /// Dices and compresses all faces. `progress` is told from 0 to 1, and stops the build by returning false.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if stopped, [`Error::Memory`] beyond 16 GB of blocks.
+    /// [`Error::Interrupted`] if stopped, [`Error::Memory`] beyond 16 GB of blocks, [`Error::Usage`] if the error is to
+    /// be measured in pixels, of which the rates know nothing.
     pub fn build(
         surface: &Surface,
         rates: &Rates,
@@ -63,10 +60,18 @@ impl Compact {
         let shared: Vec<SharedSamples> = (0..surface.base().keys())
             .map(|key| SharedSamples::new(surface, rates, key))
             .collect();
-        let mut lattice = lattice(surface, &shared, options);
+        let bounds = SharedSamples::bounds(surface, &shared);
+        let diagonal = bounds.extent().length();
+        let error = (options.max_error).units(diagonal, rates.pixels_per_unit())?;
+        let mut lattice = lattice(&bounds, error);
         loop {
             match Builder::new(surface, rates, &shared, lattice).run(progress) {
-                Ok(built) => return Ok(built),
+                Ok(mut built) => {
+                    built.accuracy.asked = error.into();
+                    built.accuracy.diagonal = diagonal.into();
+                    built.accuracy.pixels_per_unit = rates.pixels_per_unit().map(f64::from);
+                    return Ok(built);
+                }
                 Err(Stop::Error(error)) => return Err(error),
                 // What is displaced that far has grown accordingly.
                 Err(Stop::TooFar) => lattice.step *= 16.0,
@@ -75,34 +80,10 @@ impl Compact {
     }
 }
 
-/// The lattice around what the faces share.
-fn lattice(surface: &Surface, shared: &[SharedSamples], options: &CompactOptions) -> Lattice {
-    let base = surface.base();
-    let faces = (0..base.faces()).filter(|&face| !base.is_hole(face));
-    let bounds = faces.flat_map(|face| (0..4).map(move |k| (face, k))).fold(
-        Bounds3::EMPTY,
-        |bounds, (face, k)| {
-            shared.iter().fold(bounds, |bounds, shared| {
-                shared
-                    .walk(surface, face, k)
-                    .fold(bounds, Bounds3::including)
-            })
-        },
-    );
-    let error = options
-        .max_error
-        .unwrap_or(USUAL_ERROR * bounds.extent().length());
+/// The lattice in which no vertex moves by more than `error`, unless it is too fine for what is within `bounds`.
+fn lattice(bounds: &Bounds3, error: f32) -> Lattice {
     // A vertex moves by half of a cube's diagonal at most.
-    let step = 2.0 / 3.0_f32.sqrt() * error;
-    const LEAST: f32 = 1e-30;
-    Lattice {
-        anchor: if bounds.is_empty() {
-            Vec3::ZERO
-        } else {
-            bounds.centre()
-        },
-        step: if step >= LEAST { step } else { LEAST },
-    }
+    Lattice::around(bounds, 2.0 / 3.0_f32.sqrt() * error)
 }
 
 struct Builder<'a> {
@@ -110,7 +91,9 @@ struct Builder<'a> {
     shared: &'a [SharedSamples],
     lattice: Lattice,
     grids: Vec<FaceGrid>,
-    built: Compact,
+    keys: u32,
+    patches: Vec<Patch>,
+    data: Vec<u8>,
     /// Squared distances that vertices were moved by.
     largest: f64,
     squares: f64,
@@ -132,25 +115,14 @@ impl<'a> Builder<'a> {
             .filter(|&face| !base.is_hole(face))
             .map(|face| FaceGrid::new(surface, rates, face))
             .collect();
-        let built = Compact {
-            isa: Isa::best(),
-            lattice,
-            reach: 0.0,
-            keys: base.keys(),
-            left_handed: base.left_handed(),
-            faces: grids.iter().map(face).collect(),
-            top: Top::default(),
-            patches: Vec::new(),
-            nodes: Vec::new(),
-            data: Vec::new(),
-            accuracy: Accuracy::default(),
-        };
         Self {
             surface,
             shared,
             lattice,
             grids,
-            built,
+            keys: base.keys(),
+            patches: Vec::new(),
+            data: Vec::new(),
             largest: 0.0,
             squares: 0.0,
             vertices: 0,
@@ -164,7 +136,7 @@ impl<'a> Builder<'a> {
         let all = self.grids.len();
         for grid in 0..all {
             let bands = usize::from(self.grids[grid].size[1]).div_ceil(SPAN);
-            for key in 0..self.built.keys {
+            for key in 0..self.keys {
                 for row in 0..bands {
                     places.push(Place { grid, key, row });
                     if places.len() == BATCH {
@@ -181,34 +153,48 @@ impl<'a> Builder<'a> {
         if !progress(1.0) {
             return Err(Stop::Error(Error::Interrupted));
         }
-        let mut built = self.built;
-        built.data.resize(built.data.len() + PADDING, 0);
-        built.data.shrink_to_fit();
+        let mut data = self.data;
+        data.resize(data.len() + PADDING, 0);
+        data.shrink_to_fit();
         let extents = self.extents.iter().flatten();
         let all = extents.copied().fold(Extent::EMPTY, Extent::union);
-        if !all.is_empty() {
-            let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
-            built.reach = (0..3).map(largest).max().unwrap_or(0) as f32;
-        }
+        let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
+        let reach = if all.is_empty() {
+            0
+        } else {
+            (0..3).map(largest).max().unwrap_or(0)
+        };
         let (top, order) = Top::new(&self.extents);
-        built.top = top;
         let mut patches = Vec::with_capacity(order.len());
         let with_node = self.nodes.iter().flatten().flatten().count();
         let mut nodes = Vec::with_capacity(with_node);
         for number in order.into_iter().map(|number| number as usize) {
-            let mut patch = built.patches[number];
+            let mut patch = self.patches[number];
             if self.nodes[0][number].is_some() {
                 patch.root = nodes.len() as u32;
                 nodes.extend(self.nodes.iter().filter_map(|key| key[number]));
             }
             patches.push(patch);
         }
-        (built.patches, built.nodes) = (patches, nodes);
-        built.accuracy = Accuracy {
-            max: self.largest.sqrt(),
-            rms: (self.squares / self.vertices.max(1) as f64).sqrt(),
-        };
-        Ok(built)
+        let faces: Vec<Face> = self.grids.iter().map(face).collect();
+        Ok(Compact {
+            isa: Isa::best(),
+            lattice: self.lattice,
+            reach: reach as f32,
+            keys: self.keys,
+            left_handed: self.surface.base().left_handed(),
+            faces: faces.into(),
+            top,
+            patches: patches.into(),
+            nodes: nodes.into(),
+            data: data.into(),
+            accuracy: Accuracy {
+                max: self.largest.sqrt(),
+                rms: (self.squares / self.vertices.max(1) as f64).sqrt(),
+                vertices: self.vertices as u64,
+                ..Accuracy::default()
+            },
+        })
     }
 
     /// Makes some bands in parallel, and joins them.
@@ -225,7 +211,7 @@ impl<'a> Builder<'a> {
             self.join(*place, band?);
         }
         let most = u32::MAX as usize * UNIT;
-        if self.built.data.len() < most {
+        if self.data.len() < most {
             return Ok(());
         }
         Err(Stop::Error(Error::Memory {
@@ -310,9 +296,8 @@ impl<'a> Builder<'a> {
 
     /// Adds a band.
     fn join(&mut self, place: Place, band: Band) {
-        let built = &mut self.built;
-        let start = (built.data.len() / UNIT) as u32;
-        built.data.extend_from_slice(&band.data);
+        let start = (self.data.len() / UNIT) as u32;
+        self.data.extend_from_slice(&band.data);
         self.largest = self.largest.max(band.largest);
         self.squares += band.squares;
         self.vertices += band.vertices;
@@ -326,9 +311,10 @@ impl<'a> Builder<'a> {
                 root: node.data,
             };
             if key == 0 {
-                built.patches.push(patch);
+                self.patches.push(patch);
             }
-            let has_node = built.has_node(&built.fan(&patch));
+            let fan = patch.fan(self.grids[place.grid].size);
+            let has_node = self.keys > 1 || !fan.is_single();
             self.nodes[key].push(has_node.then_some(node));
             self.extents[key].push(extent);
         }

@@ -26,12 +26,17 @@
 //! decoding and testing 98 triangles at once costs less than descending to a few of them; and vertices are predicted by
 //! a plane and a direction of displacement (see `block`).
 
+mod accuracy;
 mod block;
 mod build;
 mod patch;
+mod stored;
 #[cfg(test)]
 mod tests;
 mod traverse;
+
+use bytemuck::{Pod, Zeroable};
+use mapped::Items;
 
 use super::lattice::Lattice;
 use super::moment::Moment;
@@ -40,25 +45,17 @@ use super::top::Top;
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
 use crate::surface::FaceGrid;
+pub use accuracy::{Accuracy, MaxError};
 use block::{CELLS, Head, SIDE};
 use patch::{FAN, Fan, Node, Patch, SPAN};
+pub use stored::Keep;
 use traverse::Met;
 
 /// How to compress.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CompactOptions {
-    /// The farthest that a micro-vertex may be moved, in units of the object, above 0. By default it is 3.6e-5
-    /// diagonals of the object.
-    pub max_error: Option<f32>,
-}
-
-/// How far micro-vertices were moved, in units of the object.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Accuracy {
-    /// The farthest.
-    pub max: f64,
-    /// The root of the mean square. The distance to the surface has about 0.6 of it.
-    pub rms: f64,
+    /// The farthest that a micro-vertex may be moved.
+    pub max_error: MaxError,
 }
 
 /// A compressed surface.
@@ -70,18 +67,19 @@ pub struct Compact {
     keys: u32,
     left_handed: bool,
     /// Those that are not holes.
-    faces: Vec<Face>,
+    faces: Items<Face>,
     /// The tree over the patches, which are in its order.
     top: Top,
-    patches: Vec<Patch>,
+    patches: Items<Patch>,
     /// Patch by patch, at each motion key.
-    nodes: Vec<Node>,
-    data: Vec<u8>,
+    nodes: Items<Node>,
+    data: Items<u8>,
     accuracy: Accuracy,
 }
 
 /// How a face is diced.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Pod, Zeroable)]
+#[repr(C)]
 struct Face {
     face: u32,
     size: [u16; 2],
@@ -97,10 +95,8 @@ impl Compact {
     /// Bytes of faces, patches and the tree above, of nodes, and of blocks.
     pub fn parts(&self) -> [usize; 3] {
         [
-            self.top.memory()
-                + size_of_val(self.faces.as_slice())
-                + size_of_val(self.patches.as_slice()),
-            size_of_val(self.nodes.as_slice()),
+            self.top.memory() + size_of_val(&*self.faces) + size_of_val(&*self.patches),
+            size_of_val(&*self.nodes),
             self.data.len(),
         ]
     }

@@ -3,6 +3,8 @@
 //! A node says nothing that follows from a block's place: blocks lie one after the other, and of each only its box and
 //! its size are kept. A patch of a single block that does not move needs no node.
 
+use bytemuck::{Pod, Zeroable};
+
 use super::block::{CELLS, UNIT};
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::Extent;
@@ -14,7 +16,8 @@ pub(super) const FAN: usize = 4;
 pub(super) const SPAN: usize = FAN * CELLS;
 
 /// A part of a face.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
 pub(super) struct Patch {
     /// By its place among the faces that are not holes.
     pub(super) face: u32,
@@ -72,12 +75,12 @@ impl Fan {
 }
 
 /// The blocks of a patch at a motion key, counted row by row.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C, align(64))]
 pub(super) struct Node {
     pub(super) boxes: Boxes,
     /// In [`UNIT`]s.
-    sizes: [u8; 16],
+    pub(super) sizes: [u8; 16],
     /// Where the first one starts, in [`UNIT`]s.
     pub(super) data: u32,
 }

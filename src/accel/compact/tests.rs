@@ -137,7 +137,7 @@ fn hits_are_those_of_the_plain_tree_but_for_the_error() {
             let rates = mixed(&surface);
             let plain = crate::accel::Tessellated::build(Arc::new(Diced::new(&surface, &rates)));
             let options = CompactOptions {
-                max_error: Some(1e-5),
+                max_error: MaxError::Units(1e-5),
             };
             let tree = compact(&surface, &rates, options);
             let mut random = Random(5);
@@ -167,7 +167,7 @@ fn vertices_are_as_near_to_the_dicing_as_promised() {
             let diced = Diced::new(&surface, &rates);
             for max_error in [1e-3, 3e-6] {
                 let options = CompactOptions {
-                    max_error: Some(max_error),
+                    max_error: MaxError::Units(max_error),
                 };
                 let tree = compact(&surface, &rates, options);
                 let (mut largest, mut sum, mut count) = (0.0_f64, 0.0, 0);
@@ -186,7 +186,7 @@ fn vertices_are_as_near_to_the_dicing_as_promised() {
                 }
                 let bound = f64::from(max_error) * 1.000_001;
                 assert!(largest <= bound, "{shape} {kind}: {largest} {max_error}");
-                let Accuracy { max, rms } = tree.accuracy();
+                let Accuracy { max, rms, .. } = tree.accuracy();
                 assert!((max - largest).abs() < 1e-3 * max, "{max} {largest}");
                 let mean = (sum / f64::from(count)).sqrt();
                 assert!((rms - mean).abs() < 0.2 * rms, "{rms} {mean}");
@@ -416,5 +416,164 @@ proptest! {
                 prop_assert_eq!(decoded, decoded.union(*child));
             }
         }
+    }
+}
+
+#[test]
+fn errors_may_be_asked_for_in_pixels_and_in_diagonals() {
+    struct Ahead;
+    impl crate::surface::View for Ahead {
+        fn position(&self) -> Vec3 {
+            10.0 * Vec3::Z
+        }
+        fn pixels_per_unit(&self, _: Vec3) -> f32 {
+            50.0
+        }
+        fn outside(&self, _: Vec3, _: f32) -> f32 {
+            0.0
+        }
+    }
+    let surface = surface(Patches::sphere(2), Displacement::None);
+    let here = [crate::math::Affine3A::IDENTITY];
+    let places = crate::surface::Places::nearest(&Ahead, &Bounds3::of([Vec3::ZERO]), &here);
+    let seen = Rates::on_screen(&surface, &places, &crate::surface::Dicing::default());
+    let build = |rates: &Rates, max_error| {
+        Compact::build(&surface, rates, &CompactOptions { max_error }, &|_| true)
+    };
+    let accuracy = |rates, max_error| build(rates, max_error).expect("it is built").accuracy();
+    let diagonal = accuracy(&seen, MaxError::Usual).diagonal;
+    assert!((diagonal - 2.0 * 3.0_f64.sqrt()).abs() < 0.01, "{diagonal}");
+    for (max_error, expected) in [
+        (MaxError::Pixels(0.1), 0.1 / 50.0),
+        (MaxError::Diagonals(1e-3), 1e-3 * diagonal),
+        (MaxError::Usual, 3.6e-5 * diagonal),
+    ] {
+        let accuracy = accuracy(&seen, max_error);
+        assert!(
+            (accuracy.asked / expected - 1.0).abs() < 1e-3,
+            "{accuracy:?}"
+        );
+        assert!(
+            accuracy.max <= accuracy.asked * (1.0 + 1e-6),
+            "{accuracy:?}"
+        );
+        assert!(accuracy.max > 0.9 * accuracy.asked, "{accuracy:?}");
+    }
+    // The lattice has 24 bits: it says what that achieves.
+    let finest = accuracy(&seen, MaxError::Diagonals(1e-9));
+    assert!(finest.max > finest.asked && finest.max < 1e-6, "{finest:?}");
+    let blind = build(&mixed(&surface), MaxError::Pixels(0.25)).map(|_| ());
+    assert_eq!(blind.expect_err("no pixels are known").exit_code(), 2);
+}
+
+/// Sections as a store holds them, for changing.
+type Parts = Vec<(String, Vec<u8>)>;
+
+fn parts(tree: &Compact) -> Parts {
+    let mut parts = Parts::new();
+    tree.store(&mut |sections| {
+        let owned = |(name, bytes): &(&str, &[u8])| ((*name).to_owned(), bytes.to_vec());
+        parts.extend(sections.iter().map(owned));
+        Ok(())
+    })
+    .expect("nothing fails");
+    parts
+}
+
+/// Writes sections to a store, with right checksums, and reads what they are.
+fn through_store(folder: &std::path::Path, surface: &Surface, parts: &Parts) -> Option<Compact> {
+    let (scene, path) = (folder.join("a.usda"), folder.join("a.rlv"));
+    std::fs::write(&scene, "").expect("written");
+    // A file of its own each time: mapped ones are not written to.
+    let _ = std::fs::remove_file(&path);
+    let file = std::fs::File::create(&path).expect("a file");
+    let told = serde_json::Value::Null;
+    let mut writer =
+        crate::store::Writer::new(file, &path, &scene, "compact", told).expect("it begins");
+    let sections: Vec<(&str, &[u8])> = (parts
+        .iter()
+        .map(|(name, bytes)| (name.as_str(), bytes.as_slice())))
+    .collect();
+    writer.add("/A", "1", &sections).expect("written");
+    writer.finish().expect("it ends");
+    let store = crate::store::Store::open(&path).expect("it is sound");
+    let sections = store.object("/A", "1").expect("it is sound");
+    Compact::stored(surface, &sections).ok()
+}
+
+fn stored_surface(moves: bool) -> Surface {
+    let base = Patches::sphere(2);
+    let base = if moves {
+        base.moving(|p| p + 0.3 * Vec3::X)
+    } else {
+        base
+    };
+    let (_, displacement) = displacements(0.15).swap_remove(1);
+    surface(base, displacement)
+}
+
+#[test]
+fn what_was_stored_is_what_was_built() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for moves in [false, true] {
+        let surface = stored_surface(moves);
+        let built = usual(&surface);
+        let stored = through_store(folder.path(), &surface, &parts(&built)).expect("it is sound");
+        assert_eq!(parts(&stored), parts(&built));
+        assert_eq!(stored.accuracy(), built.accuracy());
+        let mut random = Random(7);
+        for _ in 0..200 {
+            let ray = random_ray(&mut random);
+            assert_eq!(stored.intersect(0, &ray), built.intersect(0, &ray));
+        }
+        // A surface that is another one is not given these.
+        assert!(through_store(folder.path(), &stored_surface(!moves), &parts(&built)).is_none());
+    }
+}
+
+/// Whatever is in a file with right checksums is refused, or traced without a panic and to an end.
+#[test]
+fn forged_files_are_refused_or_traced_to_an_end() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut random = Random(11);
+    for moves in [false, true] {
+        let surface = stored_surface(moves);
+        let sound = parts(&usual(&surface));
+        let (mut refused, mut traced) = (0, 0);
+        for case in 0..effort(1500) {
+            let mut forged = sound.clone();
+            // Each section in turn: the large ones would get all changes.
+            let (_, bytes) = &mut forged[case % sound.len()];
+            match case % 16 {
+                15 => {
+                    let keep = (random.next() * bytes.len() as f32) as usize;
+                    bytes.truncate(keep);
+                }
+                _ => {
+                    for _ in 0..1 + case % 3 {
+                        let at =
+                            ((random.next() * bytes.len() as f32) as usize).min(bytes.len() - 1);
+                        bytes[at] = (random.next() * 256.0) as u8;
+                    }
+                }
+            }
+            let Some(tree) = through_store(folder.path(), &surface, &forged) else {
+                refused += 1;
+                continue;
+            };
+            traced += 1;
+            for key in 0..tree.keys() {
+                tree.bounds(0, key);
+            }
+            for _ in 0..20 {
+                let ray = random_ray(&mut random);
+                if let Some(hit) = tree.intersect(0, &ray) {
+                    surface.evaluate(hit.face, hit.uv, 0);
+                }
+                tree.occluded(0, &ray);
+            }
+        }
+        println!("{refused} refused, {traced} traced");
+        assert!(refused > 20 && traced > 20, "{refused} {traced}");
     }
 }

@@ -1,286 +1,310 @@
-//! Building: bands of a face are diced, boxed and forgotten.
+//! Building: bands of a face are diced, fitted and forgotten.
 //!
-//! A band is some rows of the lowest nodes. Bands are made in parallel, a batch at a time, and joined in order: the
-//! bytes are the same for any number of threads, and beside the result only a batch's bands and one band of vertices a
-//! thread exist.
-
-use std::collections::HashMap;
+//! A band is a row of patches at all motion keys. Bands are made in parallel, a batch at a time, and joined in order: the
+//! bytes are the same for any number of threads, and beside the result only a batch's bands and one band of vertices
+//! a thread exist.
 
 use rayon::prelude::*;
 
-use super::frame::Frame;
-use super::node::Node;
-use super::shape::{FAN, Shape};
-use super::{Compressed, CompressedOptions, Face, first_quad, leaves};
+use super::patch::{Fan, Patch, first, patches, tiles};
+use super::tile::{FAN, Tile};
+use super::{Compressed, Face, fit};
+use crate::accel::boxes::Boxes;
+use crate::accel::lattice::{Extent, Lattice, REACH};
 use crate::accel::simd::{Isa, LANES};
+use crate::accel::top::Top;
 use crate::error::{Error, Result};
-use crate::math::{Bounds3, Vec3};
+use crate::math::{DVec3, Vec3};
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
 /// Bands that are in work at once.
 const BATCH: usize = 256;
 
-/// Rows of the lowest nodes in a band: the last row of a band's vertices is the first one of the next.
-const ROWS: usize = 4;
-
-/// A node, and what it encloses.
-type Built = (Node, Bounds3);
-
 /// Where a band lies.
 #[derive(Clone, Copy)]
 struct Place {
     grid: usize,
-    key: u32,
-    band: usize,
+    row: usize,
 }
 
-/// A face to be built.
-struct Grid {
-    grid: FaceGrid,
-    frame: Frame,
-    leaves: [u16; 2],
+/// A patch: its tiles by motion key, their boxes and what encloses these.
+struct Made {
+    patch: Patch,
+    tiles: Vec<Vec<Tile>>,
+    boxes: Vec<Boxes>,
+    extents: Vec<Extent>,
+    thick: Thick,
+}
+
+/// How thick slabs are, in lattice steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Thick {
+    largest: f64,
+    squares: f64,
+    leaves: u64,
+}
+
+/// Why a build ends early.
+enum Stop {
+    /// Some vertex is too far away for the lattice.
+    TooFar,
+    Error(Error),
 }
 
 impl Compressed {
     /// Dices and compresses all faces. `progress` is told from 0 to 1, and stops the build by returning false.
     ///
     /// # Errors
-    /// [`Error::Interrupted`] if stopped, [`Error::Memory`] beyond 2^32 nodes.
-    pub fn build(
-        surface: &Surface,
-        rates: &Rates,
-        options: &CompressedOptions,
-        progress: &dyn Fn(f64) -> bool,
-    ) -> Result<Self> {
-        let base = surface.base();
-        let shared: Vec<SharedSamples> = (0..base.keys())
+    /// [`Error::Interrupted`] if stopped, [`Error::Memory`] beyond 2^32 tiles.
+    pub fn build(surface: &Surface, rates: &Rates, progress: &dyn Fn(f64) -> bool) -> Result<Self> {
+        let shared: Vec<SharedSamples> = (0..surface.base().keys())
             .map(|key| SharedSamples::new(surface, rates, key))
             .collect();
-        let faces: Vec<u32> = (0..base.faces())
-            .filter(|&face| !base.is_hole(face))
-            .collect();
-        let grids = faces
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|face| {
-                let grid = FaceGrid::new(surface, rates, face);
-                Grid {
-                    grid,
-                    frame: Frame::of_face(surface, &shared, face),
-                    leaves: grid.size.map(|quads| leaves(quads, options.leaf_quads)),
-                }
-            })
-            .collect();
-        Builder {
-            surface,
-            shared: &shared,
-            grids,
-            built: Self {
-                isa: Isa::best(),
-                keys: base.keys(),
-                left_handed: base.left_handed(),
-                faces: Vec::new(),
-                shapes: Vec::new(),
-                nodes: Vec::new(),
-            },
-            shapes: HashMap::new(),
-            pending: Vec::new(),
+        let bounds = SharedSamples::bounds(surface, &shared);
+        let mut lattice = Lattice::around(&bounds, 0.0);
+        loop {
+            match Builder::new(surface, rates, &shared, lattice).run(progress) {
+                Ok(built) => return Ok(built),
+                Err(Stop::Error(error)) => return Err(error),
+                // What is displaced that far has grown accordingly.
+                Err(Stop::TooFar) => lattice.step *= 16.0,
+            }
         }
-        .run(progress)
     }
 }
 
 struct Builder<'a> {
     surface: &'a Surface,
     shared: &'a [SharedSamples],
-    grids: Vec<Grid>,
-    built: Compressed,
-    /// The number of each shape.
-    shapes: HashMap<[u16; 2], u32>,
-    /// The lowest nodes of the face at hand.
-    pending: Vec<Built>,
+    lattice: Lattice,
+    grids: Vec<FaceGrid>,
+    patches: Vec<Patch>,
+    tiles: Vec<Tile>,
+    /// What each patch encloses, and its fan, by motion key.
+    extents: Vec<Vec<Extent>>,
+    fans: Vec<Vec<Fan>>,
+    thick: Thick,
 }
 
-impl Grid {
-    /// Columns and rows of the lowest nodes.
-    fn nodes(&self) -> [usize; 2] {
-        self.leaves.map(|n| usize::from(n).div_ceil(FAN))
+impl<'a> Builder<'a> {
+    fn new(
+        surface: &'a Surface,
+        rates: &Rates,
+        shared: &'a [SharedSamples],
+        lattice: Lattice,
+    ) -> Self {
+        let base = surface.base();
+        let grids: Vec<FaceGrid> = (0..base.faces())
+            .filter(|&face| !base.is_hole(face))
+            .map(|face| FaceGrid::new(surface, rates, face))
+            .collect();
+        Self {
+            surface,
+            shared,
+            lattice,
+            grids,
+            patches: Vec::new(),
+            tiles: Vec::new(),
+            extents: vec![Vec::new(); shared.len()],
+            fans: vec![Vec::new(); shared.len()],
+            thick: Thick::default(),
+        }
     }
 
-    /// The first quad of a leaf.
-    fn quad(&self, axis: usize, leaf: usize) -> usize {
-        first_quad(leaf, self.leaves[axis].into(), self.grid.size[axis].into())
-    }
-}
-
-impl Builder<'_> {
-    fn run(mut self, progress: &dyn Fn(f64) -> bool) -> Result<Compressed> {
+    fn run(mut self, progress: &dyn Fn(f64) -> bool) -> Result<Compressed, Stop> {
         let mut places = Vec::with_capacity(BATCH);
         let all = self.grids.len();
-        self.built.faces.reserve_exact(all);
         for grid in 0..all {
-            let bands = self.grids[grid].nodes()[1].div_ceil(ROWS);
-            for key in 0..self.built.keys {
-                for band in 0..bands {
-                    places.push(Place { grid, key, band });
-                    if places.len() == BATCH {
-                        self.batch(&places)?;
-                        places.clear();
-                        if !progress(grid as f64 / all as f64) {
-                            return Err(Error::Interrupted);
-                        }
+            for row in 0..patches(self.grids[grid].size[1].into()) {
+                places.push(Place { grid, row });
+                if places.len() == BATCH {
+                    self.batch(&places)?;
+                    places.clear();
+                    if !progress(grid as f64 / all as f64) {
+                        return Err(Stop::Error(Error::Interrupted));
                     }
                 }
             }
         }
         self.batch(&places)?;
         if !progress(1.0) {
-            return Err(Error::Interrupted);
+            return Err(Stop::Error(Error::Interrupted));
         }
-        let mut built = self.built;
-        built.nodes.shrink_to_fit();
-        Ok(built)
+        self.tiles.shrink_to_fit();
+        let extents = self.extents.iter().flatten();
+        let all = extents.copied().fold(Extent::EMPTY, Extent::union);
+        let reach = if all.is_empty() {
+            0
+        } else {
+            let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
+            (0..3).map(largest).max().unwrap_or(0)
+        };
+        let (top, order) = Top::new(&self.extents);
+        let mut patches = Vec::with_capacity(order.len());
+        let mut fans = Vec::with_capacity(self.fans.iter().map(Vec::len).sum());
+        for number in order.into_iter().map(|number| number as usize) {
+            let mut patch = self.patches[number];
+            if !patch.is_single() {
+                let root = fans.len() as u32;
+                fans.extend(self.fans.iter().map(|key| key[patch.root as usize]));
+                patch.root = root;
+            }
+            patches.push(patch);
+        }
+        let face = |grid: &FaceGrid| Face {
+            face: grid.face,
+            size: grid.size,
+            segments: grid.segments,
+        };
+        let faces: Vec<Face> = self.grids.iter().map(face).collect();
+        Ok(Compressed {
+            isa: Isa::best(),
+            lattice: self.lattice,
+            reach: reach as f32,
+            keys: self.surface.base().keys(),
+            left_handed: self.surface.base().left_handed(),
+            faces: faces.into(),
+            top,
+            patches: patches.into(),
+            fans: fans.into(),
+            tiles: self.tiles.into(),
+            thick: self.thick,
+        })
     }
 
     /// Makes some bands in parallel, and joins them.
-    fn batch(&mut self, places: &[Place]) -> Result<()> {
+    fn batch(&mut self, places: &[Place]) -> Result<(), Stop> {
         let this: &Self = self;
-        let bands: Vec<Vec<Built>> = places
+        let bands: Vec<Result<Vec<Made>, Stop>> = places
             .par_iter()
-            .map_init(
-                || (Scratch::default(), Vec::new()),
-                |(scratch, points), place| this.band(*place, scratch, points),
-            )
+            .map_init(Scratch::default, |scratch, place| {
+                this.band(*place, scratch)
+            })
             .collect();
-        for (place, band) in places.iter().zip(bands) {
-            self.join(*place, band);
+        for band in bands {
+            for made in band? {
+                self.join(made);
+            }
         }
-        if self.built.nodes.len() <= u32::MAX as usize {
+        if u32::try_from(self.tiles.len()).is_ok() {
             return Ok(());
         }
-        Err(Error::Memory {
-            message: "one object takes more than 2^32 nodes of compressed boxes".into(),
+        Err(Stop::Error(Error::Memory {
+            message: "one object takes more than 256 GB of compressed tiles".into(),
             help: Some("Raise the dicing rate, or lower the most segments of an edge.".into()),
-        })
+        }))
     }
 
-    fn band(&self, place: Place, scratch: &mut Scratch, points: &mut Vec<Vec3>) -> Vec<Built> {
-        let Grid {
-            grid,
-            frame,
-            leaves,
-        } = &self.grids[place.grid];
-        let this = &self.grids[place.grid];
-        let [columns, rows] = leaves.map(usize::from);
-        let first_row = ROWS * FAN * place.band;
-        let last_row = (first_row + ROWS * FAN).min(rows);
-        let (first, last) = (this.quad(1, first_row), this.quad(1, last_row));
-        let stride = usize::from(grid.size[0]) + 1;
-        points.clear();
-        points.resize(stride * (last - first + 1), Vec3::ZERO);
-        self.surface.dice_rows(
-            grid,
-            first as u16..=last as u16,
-            place.key,
-            &self.shared[place.key as usize],
-            scratch,
-            points,
-        );
-        for p in points.iter_mut() {
-            *p = frame.point(*p);
+    fn band(&self, place: Place, scratch: &mut Scratch) -> Result<Vec<Made>, Stop> {
+        let grid = &self.grids[place.grid];
+        let [nu, nv] = grid.size.map(usize::from);
+        let (below, above) = (first(place.row, nv), first(place.row + 1, nv));
+        let stride = nu + 1;
+        let mut points = vec![Vec3::ZERO; stride * (above - below + 1)];
+        let mut keys = Vec::with_capacity(self.shared.len());
+        for (key, shared) in (0..).zip(self.shared) {
+            let rows = below as u16..=above as u16;
+            self.surface
+                .dice_rows(grid, rows, key, shared, scratch, &mut points);
+            let on_lattice = points.iter().map(|&p| {
+                let p = self.lattice.coordinates(p);
+                (p.abs().max_element() < f64::from(REACH - 1)).then_some(p)
+            });
+            let on_lattice = on_lattice.collect::<Option<Vec<DVec3>>>();
+            keys.push(on_lattice.ok_or(Stop::TooFar)?);
         }
-        let leaf = |i: usize, j: usize| {
-            let (left, right) = (this.quad(0, i), this.quad(0, i + 1));
-            let (below, above) = (this.quad(1, j) - first, this.quad(1, j + 1) - first);
-            (below..=above).fold(Bounds3::EMPTY, |all, row| {
-                let row = &points[stride * row..][left..=right];
-                row.iter().fold(all, |all, &p| all.including(p))
+        let columns = 0..patches(nu);
+        Ok(columns
+            .map(|column| {
+                let (left, right) = (first(column, nu), first(column + 1, nu));
+                let quads = [right - left, above - below];
+                let patch = Patch {
+                    face: place.grid as u32,
+                    first: [left as u16, below as u16],
+                    quads: quads.map(|n| n as u8),
+                    tiles: quads.map(|n| tiles(n) as u8),
+                    root: 0,
+                };
+                make(patch, &keys, stride)
             })
-        };
-        let mut nodes = Vec::with_capacity(ROWS * columns.div_ceil(FAN));
-        for (j, i) in (first_row..last_row)
-            .step_by(FAN)
-            .flat_map(|j| (0..columns).step_by(FAN).map(move |i| (j, i)))
-        {
-            let mut children = [Bounds3::EMPTY; LANES];
-            for (cj, ci) in (0..FAN.min(rows - j))
-                .flat_map(|cj| (0..FAN.min(columns - i)).map(move |ci| (cj, ci)))
-            {
-                children[FAN * cj + ci] = leaf(i + ci, j + cj);
-            }
-            nodes.push(built(&children));
-        }
-        nodes
+            .collect())
     }
 
-    /// Adds a band. The last one of a face completes its tree.
-    fn join(&mut self, place: Place, band: Vec<Built>) {
-        let this = &self.grids[place.grid];
-        let tree = &mut self.built;
-        let number = *self.shapes.entry(this.leaves).or_insert_with(|| {
-            tree.shapes.push(Shape::new(this.leaves, true));
-            tree.shapes.len() as u32 - 1
-        });
-        let shape = tree.shapes[number as usize];
-        if place.key == 0 && place.band == 0 {
-            tree.faces.push(Face {
-                frame: this.frame,
-                reach: 0.0,
-                face: this.grid.face,
-                size: this.grid.size,
-                segments: this.grid.segments,
-                root: tree.nodes.len() as u32,
-                shape: number,
+    /// Adds a patch.
+    fn join(&mut self, made: Made) {
+        let mut patch = made.patch;
+        if patch.is_single() {
+            patch.root = self.tiles.len() as u32;
+        } else {
+            patch.root = self.fans[0].len() as u32;
+        }
+        for (key, tiles) in made.tiles.into_iter().enumerate() {
+            if !patch.is_single() {
+                self.fans[key].push(Fan {
+                    boxes: made.boxes[key],
+                    first: self.tiles.len() as u32,
+                    zero: [0; 4],
+                });
+            }
+            self.tiles.extend(tiles);
+            self.extents[key].push(made.extents[key]);
+        }
+        self.patches.push(patch);
+        self.thick = self.thick.and(made.thick);
+    }
+}
+
+/// A patch of the vertices of a band, row by row, key by key.
+fn make(patch: Patch, keys: &[Vec<DVec3>], stride: usize) -> Made {
+    let left = usize::from(patch.first[0]);
+    let mut made = Made {
+        patch,
+        tiles: vec![Vec::new(); keys.len()],
+        boxes: Vec::new(),
+        extents: Vec::new(),
+        thick: Thick::default(),
+    };
+    let mut children = vec![[Extent::EMPTY; LANES]; keys.len()];
+    let [columns, rows] = patch.tiles.map(usize::from);
+    for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
+        let place = FAN * j + i;
+        let [nu, nv] = patch.quads_of(place);
+        let (x, y) = (left + patch.before(0, i), patch.before(1, j));
+        let vertices: Vec<Vec<DVec3>> = (keys.iter())
+            .map(|key| {
+                let row = |y: usize| &key[stride * y + x..][..=nu];
+                (y..=y + nv).flat_map(row).copied().collect()
+            })
+            .collect();
+        for (children, vertices) in children.iter_mut().zip(&vertices) {
+            children[place] = Extent::around(vertices);
+        }
+        let (tiles, thick) = fit::tiles(&vertices, [nu, nv]);
+        for (all, tile) in made.tiles.iter_mut().zip(tiles) {
+            all.push(tile);
+        }
+        for thick in thick {
+            made.thick = made.thick.and(Thick {
+                largest: thick,
+                squares: thick * thick,
+                leaves: 1,
             });
         }
-        self.pending.extend(band);
-        let [columns, rows] = shape.size(1);
-        if self.pending.len() < columns * rows {
-            return;
-        }
-        // From the lowest level up; the root is stored first.
-        let first = tree.nodes.len();
-        tree.nodes
-            .resize(first + shape.nodes(), Node::new(&[Bounds3::EMPTY; LANES]));
-        let mut level_below = std::mem::take(&mut self.pending);
-        for level in 1..=shape.levels() {
-            if level > 1 {
-                level_below = above(&shape, level, &level_below);
-            }
-            let start = first + shape.node(level, 0, 0);
-            for (to, (node, _)) in tree.nodes[start..].iter_mut().zip(&level_below) {
-                *to = *node;
-            }
-        }
-        let (_, all) = level_below[0];
-        let face = tree.faces.last_mut().expect("its first band has added it");
-        face.reach = all
-            .min
-            .abs()
-            .max(all.max.abs())
-            .max_element()
-            .max(face.reach);
     }
+    for children in &children {
+        made.boxes.push(Boxes::new(children));
+        made.extents
+            .push(children.iter().copied().fold(Extent::EMPTY, Extent::union));
+    }
+    made
 }
 
-/// The nodes of a level, over those of the level below.
-fn above(shape: &Shape, level: usize, below: &[Built]) -> Vec<Built> {
-    let [columns, rows] = shape.size(level);
-    let stride = shape.size(level - 1)[0];
-    let places = (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i)));
-    places
-        .map(|(j, i)| {
-            let mut children = [Bounds3::EMPTY; LANES];
-            let [fan, fans] = shape.fan(level, i, j);
-            for (cj, ci) in (0..fans).flat_map(|cj| (0..fan).map(move |ci| (cj, ci))) {
-                children[FAN * cj + ci] = below[(FAN * j + cj) * stride + FAN * i + ci].1;
-            }
-            built(&children)
-        })
-        .collect()
-}
-
-fn built(children: &[Bounds3; LANES]) -> Built {
-    let all = children.iter().fold(Bounds3::EMPTY, |a, b| a.union(*b));
-    (Node::new(children), all)
+impl Thick {
+    fn and(self, other: Self) -> Self {
+        Self {
+            largest: self.largest.max(other.largest),
+            squares: self.squares + other.squares,
+            leaves: self.leaves + other.leaves,
+        }
+    }
 }

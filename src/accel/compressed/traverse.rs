@@ -1,141 +1,128 @@
-//! One ray through one face's tree: the body that each instruction set gets compiled.
+//! One ray through the trees: the body that each instruction set gets compiled.
 //!
-//! A node has sixteen planes at most along an axis: where the ray meets each of them is a table of sixteen numbers, one
-//! register, and the children pick theirs out of it.
+//! A tile takes one move of the ray into its coordinates and one test of sixteen slabs: between two planes across u, two
+//! across v, and two along the leaf's plane. All are widened by more than what is rounded on the way, so that a ray which
+//! passes through the surface anywhere passes through a slab. The ray meets a leaf halfway between the planes along it, or
+//! where it enters or leaves the leaf if that is after or before.
 
-use super::frame::LocalRay;
-use super::node::Node;
-use super::shape::{FAN, MOST_LEVELS, Shape};
-use super::{Compressed, Face};
+use arrayvec::ArrayVec;
+
+use super::Compressed;
+use super::patch::Patch;
+use super::tile::{CUTS, MOST_QUADS, Tile, there};
+use crate::accel::boxes::Boxes;
+use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::simd::{Body, LANES, Lanes};
-use crate::math::{Bounds3, Ray, Vec3};
+use crate::accel::top::{self, Child};
+use crate::math::Ray;
 
-/// Where a ray met a face.
+/// Where a ray met a leaf.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Met {
     pub(super) t: f32,
-    /// The leaf.
-    pub(super) column: usize,
-    pub(super) row: usize,
+    pub(super) patch: u32,
+    /// The tile in the patch, and the leaf in the tile.
+    pub(super) tile: usize,
+    pub(super) leaf: usize,
 }
 
 impl Compressed {
-    /// The nearest leaf of a face between the ray's `t_min` and `t_max`, or `ANY` one.
+    /// The nearest leaf, or `ANY` one.
     #[inline]
-    pub(super) fn trace<const ANY: bool>(&self, face: &Face, ray: &Ray) -> Option<Met> {
+    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
         if self.keys == 1 {
-            self.isa.run(Trace::<ANY, false> {
-                tree: self,
-                face,
-                ray,
-            })
+            self.isa.run(Trace::<ANY, false> { tree: self, ray })
         } else {
-            self.isa.run(Trace::<ANY, true> {
-                tree: self,
-                face,
-                ray,
-            })
+            self.isa.run(Trace::<ANY, true> { tree: self, ray })
         }
     }
-}
-
-/// The boxes of the leaves of a lowest node, in the face's frame: lower and upper planes by axis.
-pub(super) struct Boxes([[[f32; LANES]; 3]; 2]);
-
-impl Boxes {
-    /// That of the leaf in column `i` of row `j` of the node.
-    #[inline(always)]
-    pub(super) fn leaf(&self, i: usize, j: usize) -> Bounds3 {
-        let corner = |planes: &[[f32; LANES]; 3]| {
-            let c = FAN * j + i;
-            Vec3::new(planes[0][c], planes[1][c], planes[2][c])
-        };
-        Bounds3 {
-            min: corner(&self.0[0]),
-            max: corner(&self.0[1]),
-        }
-    }
-}
-
-impl Compressed {
-    /// The boxes of a leaf and of its siblings.
-    pub(super) fn boxes(&self, face: &Face, [column, row]: [usize; 2], moment: &Moment) -> Boxes {
-        let shape = &self.shapes[face.shape as usize];
-        let place = [1, column / FAN, row / FAN];
-        self.isa.run(Decode {
-            nodes: [moment.from, moment.to].map(|key| self.node(face, shape, place, key)),
-            moment,
-        })
-    }
-}
-
-struct Decode<'a> {
-    nodes: [&'a Node; 2],
-    moment: &'a Moment,
-}
-
-impl Body for Decode<'_> {
-    type Output = Boxes;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Boxes {
-        let mut boxes = Boxes([[[0.0; LANES]; 3]; 2]);
-        let [node, later] = self.nodes;
-        let Moment { from, to, weights } = *self.moment;
-        for k in 0..3 {
-            for side in 0..2 {
-                let mut planes = places(lanes, node, k, side);
-                if from != to {
-                    let before = lanes.mul(lanes.floats(weights[0]), planes);
-                    let after = lanes.floats(weights[1]);
-                    planes = lanes.add(before, lanes.mul(after, places(lanes, later, k, side)));
-                }
-                lanes.store(planes, &mut boxes.0[side][k]);
-            }
-        }
-        boxes
-    }
-}
-
-/// Where the lower or upper planes of all children are along an axis.
-#[inline(always)]
-fn places<L: Lanes>(lanes: L, node: &Node, k: usize, side: usize) -> L::Floats {
-    let (origin, unit) = node.frame(k);
-    let steps = lanes.mul(lanes.load(&NUMBERS), lanes.floats(unit));
-    lanes.pick(
-        &node.planes[side][k],
-        lanes.add(steps, lanes.floats(origin)),
-    )
 }
 
 struct Trace<'a, const ANY: bool, const MOVES: bool> {
     tree: &'a Compressed,
-    face: &'a Face,
     ray: &'a Ray,
 }
 
-/// What waits to be visited: each level above the lowest leaves fifteen of its children behind.
-const MOST_WAITING: usize = (MOST_LEVELS - 1) * (LANES - 1) + 1;
+/// What waits to be visited: each level leaves fifteen of its children behind.
+const MOST_WAITING: usize = 15 * (top::MOST_LEVELS + 1) + 1;
 
 /// An entry of the stack: where the ray enters, above the place; so that integers compare as distances do.
 #[derive(Clone, Copy, PartialEq, PartialOrd)]
 struct Waiting(u64);
 
+/// What waits.
+enum Place {
+    Node(u32),
+    Patch(u32),
+    /// Of the patch at hand.
+    Tile(usize),
+}
+
 impl Waiting {
+    const PATCH: u32 = 1 << 31;
+    const NODE: u32 = 1 << 30;
+
     #[inline(always)]
-    fn new(near: f32, level: usize, i: usize, j: usize) -> Self {
-        Self(u64::from(near.to_bits()) << 32 | (level << 20 | j << 10 | i) as u64)
+    fn child(near: f32, child: Child) -> Self {
+        let place = match child {
+            Child::Patch(patch) => Self::PATCH | patch,
+            Child::Node(node) => Self::NODE | node,
+        };
+        Self(u64::from(near.to_bits()) << 32 | u64::from(place))
+    }
+    #[inline(always)]
+    fn tile(near: f32, tile: usize) -> Self {
+        Self(u64::from(near.to_bits()) << 32 | tile as u64)
     }
     #[inline(always)]
     fn near(self) -> f32 {
         f32::from_bits((self.0 >> 32) as u32)
     }
-    /// Level, column and row.
     #[inline(always)]
-    fn place(self) -> (usize, usize, usize) {
-        let place = self.0 as u32 as usize;
-        (place >> 20, place & 1023, place >> 10 & 1023)
+    fn place(self) -> Place {
+        let place = self.0 as u32;
+        if place & Self::PATCH != 0 {
+            Place::Patch(place & !Self::PATCH)
+        } else if place & Self::NODE != 0 {
+            Place::Node(place & !Self::NODE)
+        } else {
+            Place::Tile(place as usize)
+        }
+    }
+}
+
+/// What is to be visited, the nearest of each node's children on top.
+#[derive(Default)]
+struct Stack(ArrayVec<Waiting, MOST_WAITING>);
+
+impl Stack {
+    /// The nearest of children, which are given by bits; the others are put aside.
+    #[inline(always)]
+    fn add(&mut self, mut children: u32, waiting: impl Fn(usize) -> Waiting) -> Option<Waiting> {
+        if children == 0 {
+            return None;
+        }
+        let mut nearest = waiting(children.trailing_zeros() as usize);
+        children &= children - 1;
+        let bottom = self.0.len();
+        while children != 0 {
+            let child = waiting(children.trailing_zeros() as usize);
+            children &= children - 1;
+            let farther = if child < nearest {
+                std::mem::replace(&mut nearest, child)
+            } else {
+                child
+            };
+            self.0.push(farther);
+            let mut at = self.0.len() - 1;
+            while at > bottom && self.0[at - 1] < farther {
+                self.0[at] = self.0[at - 1];
+                at -= 1;
+            }
+            self.0[at] = farther;
+        }
+        Some(nearest)
     }
 }
 
@@ -144,75 +131,61 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self { tree, face, ray } = self;
-        let shape = &tree.shapes[face.shape as usize];
-        let walk = Walk::<MOVES> {
+        let Self { tree, ray } = self;
+        let root = tree.top.root()?;
+        let moment = Moment::new(tree.keys, ray.time);
+        let lattice_ray = LatticeRay::new(&tree.lattice, ray, tree.reach);
+        let mut walk = Walk::<MOVES> {
             tree,
-            face,
-            shape,
-            moment: Moment::new(tree.keys, ray.time),
-            ray: LocalRay::new(&face.frame, ray, face.reach),
+            number: 0,
+            // Replaced before it is looked at: the root leads to a patch.
+            patch: tree.patches.first()?,
+            moment: &moment,
+            t_min: ray.t_min,
+            t_max: ray.t_max,
+            ray: lattice_ray,
         };
-        let t_min = lanes.floats(ray.t_min);
-        let mut t_max = ray.t_max;
         let mut nearest = None;
-        let mut stack = [Waiting(0); MOST_WAITING];
-        stack[0] = Waiting::new(0.0, shape.levels(), 0, 0);
-        let mut count = 1;
-        while count > 0 {
-            count -= 1;
-            let next = stack[count];
-            if next.near() > t_max {
-                continue;
-            }
-            let (level, i, j) = next.place();
-            let (near, far) = walk.children(lanes, level, i, j);
-            let there = walk.there(level, i, j);
-            let end = lanes.floats(t_max);
-            let mut at = [0.0; LANES];
-            if level == 1 {
-                let middle = lanes.mul(lanes.floats(0.5), lanes.add(near, far));
-                let mut met = lanes.less_equal(near, far)
-                    & lanes.less(t_min, middle)
-                    & lanes.less(middle, end)
-                    & there;
-                if met == 0 {
-                    continue;
+        let mut near = [0.0; LANES];
+        let mut stack = Stack::default();
+        let mut next = Some(Waiting::child(0.0, root));
+        while let Some(at) = next {
+            next = match at.place() {
+                Place::Node(node) => {
+                    let hits = walk.children(lanes, node, &mut near);
+                    let node = tree.top.node(node, moment.from);
+                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
                 }
-                lanes.store(middle, &mut at);
-                while met != 0 {
-                    let c = met.trailing_zeros() as usize;
-                    met &= met - 1;
-                    if at[c] < t_max {
-                        t_max = at[c];
-                        nearest = Some(Met {
-                            t: t_max,
-                            column: FAN * i + c % FAN,
-                            row: FAN * j + c / FAN,
-                        });
+                Place::Patch(number) => {
+                    walk.number = number;
+                    walk.patch = &tree.patches[number as usize];
+                    // Before all other patches.
+                    if walk.patch.is_single() {
+                        Some(Waiting::tile(at.near(), 0))
+                    } else {
+                        let hits = walk.tiles(lanes, &mut near);
+                        stack.add(hits, |c| Waiting::tile(near[c], c))
                     }
                 }
-                if ANY {
+                Place::Tile(tile) => {
+                    if let Some(met) = walk.tile(lanes, tile) {
+                        nearest = Some(met);
+                        if ANY {
+                            return nearest;
+                        }
+                        walk.t_max = met.t;
+                        walk.ray.end(met.t);
+                    }
+                    None
+                }
+            };
+            while next.is_none() {
+                let Some(waiting) = stack.0.pop() else {
                     return nearest;
+                };
+                if waiting.near() <= walk.ray.t_max {
+                    next = Some(waiting);
                 }
-                continue;
-            }
-            let near = lanes.max(near, t_min);
-            let mut hits = lanes.less_equal(near, lanes.min(far, end)) & there;
-            lanes.store(near, &mut at);
-            // Nearest on top.
-            let bottom = count;
-            while hits != 0 {
-                let c = hits.trailing_zeros() as usize;
-                hits &= hits - 1;
-                let child = Waiting::new(at[c], level - 1, FAN * i + c % FAN, FAN * j + c / FAN);
-                let mut at = count;
-                while at > bottom && stack[at - 1] < child {
-                    stack[at] = stack[at - 1];
-                    at -= 1;
-                }
-                stack[at] = child;
-                count += 1;
             }
         }
         nearest
@@ -221,90 +194,226 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 
 struct Walk<'a, const MOVES: bool> {
     tree: &'a Compressed,
-    face: &'a Face,
-    shape: &'a Shape,
-    moment: Moment,
-    ray: LocalRay,
+    /// The patch at hand.
+    number: u32,
+    patch: &'a Patch,
+    moment: &'a Moment,
+    /// What is asked about, of the ray as it was given.
+    t_min: f32,
+    t_max: f32,
+    /// On the lattice; it ends at the nearest hit so far, too.
+    ray: LatticeRay,
 }
 
-/// The numbers of planes.
+/// The numbers of depths.
 const NUMBERS: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
 ];
 
+/// Smaller steps of u, v or h along a ray are taken for this: over the longest way through a lattice it does not matter.
+const LEAST: f32 = 1.0 / (1_u64 << 44) as f32;
+
 impl<const MOVES: bool> Walk<'_, MOVES> {
-    /// The children that a node has, as bits.
+    /// The children of a node over patches that the ray meets, as bits, and where it enters each.
     #[inline(always)]
-    fn there(&self, level: usize, i: usize, j: usize) -> u32 {
-        let [columns, rows] = self.shape.fan(level, i, j);
-        (0x1111 * ((1 << columns) - 1)) & ((1 << (FAN * rows)) - 1)
+    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
+        let at = |key| self.tree.top.node(number, key);
+        let node = at(self.moment.from);
+        let boxes = [node, at(self.moment.to)].map(|node| &node.boxes);
+        self.met(lanes, boxes, entries) & ((1 << node.children()) - 1)
     }
 
-    /// Where the ray enters and leaves all children, those that are not there included. It meets those that it does
-    /// not leave before it enters.
+    /// The same for the tiles of the patch.
     #[inline(always)]
-    fn children<L: Lanes>(
-        &self,
-        lanes: L,
-        level: usize,
-        i: usize,
-        j: usize,
-    ) -> (L::Floats, L::Floats) {
-        let Self {
-            tree, face, shape, ..
-        } = *self;
-        let place = [level, i, j];
-        let node = tree.node(face, shape, place, self.moment.from);
-        let later = tree.node(face, shape, place, self.moment.to);
-        let (mut near, mut far) = self.axis(lanes, node, later, 0);
-        for k in 1..3 {
-            let (first, last) = self.axis(lanes, node, later, k);
-            near = lanes.max(near, first);
-            far = lanes.min(far, last);
+    fn tiles<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
+        let root = self.patch.root as usize;
+        let at = |key: usize| &self.tree.fans[root + key].boxes;
+        let boxes = [at(self.moment.from), at(self.moment.to)];
+        self.met(lanes, boxes, entries) & self.patch.there()
+    }
+
+    #[inline(always)]
+    fn met<L: Lanes>(&self, lanes: L, [from, to]: [&Boxes; 2], entries: &mut [f32; LANES]) -> u32 {
+        if MOVES {
+            from.met_on_the_way(to, self.moment, lanes, &self.ray, entries)
+        } else {
+            from.met(lanes, &self.ray, entries)
         }
-        (near, far)
     }
 
-    /// The planes along an axis that the ray meets first and last.
+    /// The nearest leaf of a tile.
     #[inline(always)]
-    fn axis<L: Lanes>(
-        &self,
-        lanes: L,
-        node: &Node,
-        later: &Node,
-        k: usize,
-    ) -> (L::Floats, L::Floats) {
-        let (first, last) = self.at_key(lanes, node, k);
-        if !MOVES {
-            return (first, last);
+    fn tile<L: Lanes>(&self, lanes: L, number: usize) -> Option<Met> {
+        let at = |key| self.tree.tile(self.patch, number, key);
+        let tile = at(self.moment.from);
+        let [nu, nv] = self.patch.quads_of(number).map(|n| n.min(MOST_QUADS));
+        let cuts = [&CUTS[0][nu], &CUTS[1][nv]];
+        let mut slabs = Slabs::new(lanes, tile);
+        let mut origin = tile.origin();
+        let mut margin = tile.margin();
+        if MOVES {
+            let later = at(self.moment.to);
+            slabs = slabs.on_the_way(lanes, &Slabs::new(lanes, later), self.moment);
+            let [a, b] = self.moment.weights;
+            let to = later.origin();
+            origin = [0, 1, 2].map(|k| a * origin[k] + b * to[k]);
+            margin = a * margin + b * later.margin();
         }
-        let (first_later, last_later) = self.at_key(lanes, later, k);
-        // It grows with what it blends, whatever it rounds: between boxes lies a box that holds what lies between their
-        // contents.
-        let [from, to] = self.moment.weights;
-        let (from, to) = (lanes.floats(from), lanes.floats(to));
-        let blend = |a, b| lanes.add(lanes.mul(a, from), lanes.mul(b, to));
-        (blend(first, first_later), blend(last, last_later))
+
+        // The ray in the tile's coordinates, and how far it may be off there. What is rounded by the tests grows with
+        // where it starts and with what it may meet.
+        let off = [0, 1, 2].map(|k| self.ray.origin[k] - origin[k]);
+        let dot = |a: &[f32; 3], b: &[f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let axes = tile.axes();
+        let reaches = [
+            MOST_QUADS as f32 + margin,
+            MOST_QUADS as f32 + margin,
+            256.0 + slabs.deepest,
+        ];
+        let mut starts = [0.0; 3];
+        let mut slacks = [0.0; 3];
+        let mut steps = [0.0; 3];
+        for k in 0..3 {
+            let axis = &axes[k];
+            starts[k] = dot(axis, &off);
+            steps[k] = dot(axis, &self.ray.direction);
+            let sum = axis[0].abs() + axis[1].abs() + axis[2].abs();
+            slacks[k] =
+                sum * self.ray.slack[3] + 8.0 * f32::EPSILON * (starts[k].abs() + reaches[k]);
+        }
+
+        // Across u and v.
+        let mut near = lanes.floats(0.0);
+        let mut far = lanes.floats(f32::INFINITY);
+        for k in 0..2 {
+            let step = if steps[k].abs() < LEAST {
+                LEAST.copysign(steps[k])
+            } else {
+                steps[k]
+            };
+            let inverse = 1.0 / step;
+            let wider = (margin + slacks[k]).copysign(step);
+            let [first, last] = [&cuts[k].first, &cuts[k].last];
+            let [first, last] = if step < 0.0 {
+                [last, first]
+            } else {
+                [first, last]
+            };
+            let meets = |side: &[f32; LANES], shift: f32| {
+                let way = lanes.sub(lanes.load(side), lanes.floats(shift));
+                lanes.mul(way, lanes.floats(inverse))
+            };
+            near = lanes.max(near, meets(first, starts[k] + wider));
+            far = lanes.min(far, meets(last, starts[k] - wider));
+        }
+
+        // Along the planes: heights above them, where the ray starts, and how they grow along it.
+        let [a, b, c, d] = slabs.corners;
+        let (ab, cd) = (lanes.add(a, b), lanes.add(c, d));
+        let (ac, bd) = (lanes.add(a, c), lanes.add(b, d));
+        let mean = lanes.mul(lanes.add(ab, cd), lanes.floats(0.25));
+        let slopes = [
+            lanes.mul(lanes.sub(bd, ac), lanes.load(&cuts[0].slope)),
+            lanes.mul(lanes.sub(cd, ab), lanes.load(&cuts[1].slope)),
+        ];
+        let mut above = lanes.sub(lanes.floats(starts[2]), mean);
+        let mut grows = lanes.floats(steps[2]);
+        let mut slack = lanes.floats(slacks[2]);
+        let zero = lanes.floats(0.0);
+        for k in 0..2 {
+            let way = lanes.sub(lanes.floats(starts[k]), lanes.load(&cuts[k].middle));
+            above = lanes.sub(above, lanes.mul(slopes[k], way));
+            grows = lanes.sub(grows, lanes.mul(slopes[k], lanes.floats(steps[k])));
+            let steep = lanes.max(slopes[k], lanes.sub(zero, slopes[k]));
+            slack = lanes.add(slack, lanes.mul(steep, lanes.floats(slacks[k])));
+        }
+        let [below, over] = slabs.depths;
+        let inverse = lanes.div(lanes.floats(1.0), grows);
+        let meets = |height| lanes.mul(lanes.sub(height, above), inverse);
+        let lower = meets(lanes.sub(lanes.sub(zero, below), slack));
+        let upper = meets(lanes.add(over, slack));
+        let middle = meets(lanes.mul(lanes.sub(over, below), lanes.floats(0.5)));
+        // What is not a number, or infinite, decides nothing.
+        near = lanes.max(lanes.min(lower, upper), near);
+        far = lanes.min(lanes.max(lower, upper), far);
+        let met = lanes.min(lanes.max(middle, near), far);
+
+        let t = lanes.mul(met, lanes.floats(self.per_lattice_t()));
+        let mut hits = lanes.less_equal(near, far)
+            & lanes.less(lanes.floats(self.t_min), t)
+            & lanes.less(t, lanes.floats(self.t_max))
+            & there([nu, nv]);
+        if hits == 0 {
+            return None;
+        }
+        let mut ts = [0.0; LANES];
+        lanes.store(t, &mut ts);
+        let mut leaf = hits.trailing_zeros() as usize;
+        hits &= hits - 1;
+        while hits != 0 {
+            let other = hits.trailing_zeros() as usize;
+            hits &= hits - 1;
+            if ts[other] < ts[leaf] {
+                leaf = other;
+            }
+        }
+        Some(Met {
+            t: ts[leaf],
+            patch: self.number,
+            tile: number,
+            leaf,
+        })
+    }
+
+    /// What the ray's own `t` is for a `t` of 1 on the lattice.
+    #[inline(always)]
+    fn per_lattice_t(&self) -> f32 {
+        1.0 / self.ray.per_t
+    }
+}
+
+/// A tile's leaves, in heights.
+struct Slabs<L: Lanes> {
+    corners: [L::Floats; 4],
+    /// Below and above.
+    depths: [L::Floats; 2],
+    /// The deepest that there may be.
+    deepest: f32,
+}
+
+impl<L: Lanes> Slabs<L> {
+    #[inline(always)]
+    fn new(lanes: L, tile: &Tile) -> Self {
+        let [a, b, c, d] = tile.corners();
+        let unit = tile.unit();
+        let table = lanes.mul(lanes.load(&NUMBERS), lanes.floats(unit));
+        Self {
+            corners: [
+                lanes.bytes(&a),
+                lanes.bytes(&b),
+                lanes.bytes(&c),
+                lanes.bytes(&d),
+            ],
+            depths: [
+                lanes.pick(tile.depths(0), table),
+                lanes.pick(tile.depths(1), table),
+            ],
+            deepest: NUMBERS[LANES - 1] * unit,
+        }
     }
 
     #[inline(always)]
-    fn at_key<L: Lanes>(&self, lanes: L, node: &Node, k: usize) -> (L::Floats, L::Floats) {
-        let LocalRay {
-            origin,
-            inverse,
-            slack,
-        } = self.ray;
-        let (origin, inverse) = (origin[k], inverse[k]);
-        let slack = slack.copysign(inverse);
-        let (start, unit) = node.frame(k);
-        let shift = start - origin;
-        let steps = lanes.mul(lanes.load(&NUMBERS), lanes.floats(unit * inverse));
-        let enter = lanes.add(steps, lanes.floats((shift - slack) * inverse));
-        let leave = lanes.add(steps, lanes.floats((shift + slack) * inverse));
-        let backwards = usize::from(inverse < 0.0);
-        (
-            lanes.pick(&node.planes[backwards][k], enter),
-            lanes.pick(&node.planes[1 - backwards][k], leave),
-        )
+    fn on_the_way(&self, lanes: L, to: &Self, moment: &Moment) -> Self {
+        let blend = |a, b| moment.between_lanes(lanes, a, b);
+        let [a, b, c, d] = self.corners;
+        let [a2, b2, c2, d2] = to.corners;
+        Self {
+            corners: [blend(a, a2), blend(b, b2), blend(c, c2), blend(d, d2)],
+            depths: [
+                blend(self.depths[0], to.depths[0]),
+                blend(self.depths[1], to.depths[1]),
+            ],
+            deepest: self.deepest.max(to.deepest),
+        }
     }
 }

@@ -12,6 +12,8 @@ mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+use bytemuck::{Pod, Zeroable};
+
 /// Lanes in a register.
 pub(super) const LANES: usize = 16;
 
@@ -45,6 +47,7 @@ pub(super) trait Lanes: Copy {
     fn add(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     fn sub(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     fn mul(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    fn div(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     /// The lesser one; `b` if either is not a number.
     fn min(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     /// The greater one; `b` if either is not a number.
@@ -86,7 +89,7 @@ pub(super) trait Lanes: Copy {
 
 /// Sixteen numbers of four bits, one a lane: those of the even lanes, then those of the odd ones, so that no lane has to
 /// look beyond its half of eight bytes.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(transparent)]
 pub(super) struct Nibbles([u8; LANES / 2]);
 

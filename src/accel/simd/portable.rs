@@ -68,6 +68,10 @@ impl Lanes for Portable {
         each(a, b, |a, b| a * b)
     }
     #[inline(always)]
+    fn div(self, a: Floats, b: Floats) -> Floats {
+        each(a, b, |a, b| a / b)
+    }
+    #[inline(always)]
     fn min(self, a: Floats, b: Floats) -> Floats {
         each(a, b, |a, b| if a < b { a } else { b })
     }

@@ -28,6 +28,7 @@ impl Body for All<'_> {
             lanes.add(a, b),
             lanes.sub(a, b),
             lanes.mul(a, b),
+            lanes.div(a, b),
             lanes.min(a, b),
             lanes.max(a, b),
             lanes.next_in_row(a),

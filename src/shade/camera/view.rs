@@ -25,6 +25,26 @@ impl View for Camera {
 }
 
 impl Camera {
+    /// All that dicing follows from, as text: cameras of one text dice alike.
+    pub fn view_key(&self) -> String {
+        let Self {
+            projection,
+            resolution,
+            pixel_aspect,
+            motion,
+            window,
+            per_pixel,
+            near,
+            far: _,
+            lens: _,
+            frame_time,
+            exposure: _,
+        } = self;
+        format!(
+            "{projection:?} {resolution:?} {pixel_aspect} {motion:?} {window:?} {per_pixel:?} {near} {frame_time}"
+        )
+    }
+
     fn outside_at(&self, centre: Vec3, radius: f32, time: f32) -> f32 {
         let from_world = self.camera_from_world(time);
         let p = from_world.transform_point3(centre.as_dvec3()).as_vec3();

@@ -263,3 +263,31 @@ fn rates_follow_displacement_distance_picture_and_cap() {
     assert_eq!(bulging.edge(0), flat.edge(0));
     assert!(2 * bulging.face(0)[0] > 3 * flat.face(0)[0]);
 }
+
+#[test]
+fn the_closest_view_is_measured_on_the_surface() {
+    let cube = surface(Patches::cube(), Displacement::None);
+    let dicing = Dicing {
+        off_screen: 1.0,
+        ..Dicing::default()
+    };
+    let top = Diced::new(&cube, &Rates::uniform(&cube, 1)).positions()[0]
+        .iter()
+        .fold(0.0, |top: f32, p| top.max(p.z));
+    let closest = |places: &[Affine3A]| {
+        let rates = on_screen(&cube, places, &dicing);
+        rates.pixels_per_unit().expect("a camera sees it")
+    };
+    let here = closest(&[Affine3A::IDENTITY]);
+    let expected = 500.0 / (10.0 - top);
+    assert!((here / expected - 1.0).abs() < 1e-4, "{here} {expected}");
+    // A unit of what is shown twice as large covers twice as much, and more since it is nearer.
+    let twice = closest(&[Affine3A::from_scale(Vec3::splat(2.0))]);
+    let expected = 2.0 * 500.0 / (10.0 - 2.0 * top);
+    assert!((twice / expected - 1.0).abs() < 1e-4, "{twice} {expected}");
+    // Beyond the picture it counts for less.
+    let beside = [Affine3A::from_translation(Vec3::new(50.0, 0.0, 0.0))];
+    let seen = Pinhole.pixels_per_unit(Vec3::new(50.0 - top, 0.0, top));
+    assert!(closest(&beside) < 0.5 * seen);
+    assert_eq!(Rates::uniform(&cube, 4).pixels_per_unit(), None);
+}

@@ -1,0 +1,85 @@
+//! A leaf by itself: the clear twin of what [`traverse`](super::traverse) does with all leaves of a tile at once.
+
+use super::tile::{CUTS, Tile};
+use crate::accel::moment::Moment;
+use crate::math::{Vec2, Vec3};
+
+/// A leaf's slab, in the coordinates of its tile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Leaf {
+    /// Where u, v and h are zero on the lattice, and how they grow along its axes.
+    origin: Vec3,
+    pub(super) axes: [Vec3; 3],
+    /// Heights of the corners (0, 0), (1, 0), (0, 1) and (1, 1).
+    corners: [f32; 4],
+    /// Where it begins and ends in u and v, without margin.
+    pub(super) first: Vec2,
+    pub(super) last: Vec2,
+    pub(super) margin: f32,
+    /// How far the surface may be below the plane, and above.
+    pub(super) below: f32,
+    pub(super) above: f32,
+}
+
+impl Leaf {
+    /// A leaf of a tile of so many quads.
+    pub(super) fn of(tile: &Tile, leaf: usize, quads: [usize; 2]) -> Self {
+        let [columns, rows] = [0, 1].map(|k| &CUTS[k][quads[k]]);
+        let depth = |side: usize| f32::from(tile.depths(side).get(leaf)) * tile.unit();
+        Self {
+            origin: Vec3::from(tile.origin()),
+            axes: tile.axes().map(Vec3::from),
+            corners: tile.corners().map(|corners| corners[leaf].into()),
+            first: Vec2::new(columns.first[leaf], rows.first[leaf]),
+            last: Vec2::new(columns.last[leaf], rows.last[leaf]),
+            margin: tile.margin(),
+            below: depth(0),
+            above: depth(1),
+        }
+    }
+
+    /// On the way from one motion key to the next.
+    pub(super) fn on_the_way(&self, to: &Self, moment: &Moment) -> Self {
+        let [a, b] = moment.weights;
+        let blend = |from: f32, to: f32| a * from + b * to;
+        Self {
+            origin: moment.between(self.origin, to.origin),
+            corners: std::array::from_fn(|k| blend(self.corners[k], to.corners[k])),
+            margin: blend(self.margin, to.margin),
+            below: blend(self.below, to.below),
+            above: blend(self.above, to.above),
+            ..*self
+        }
+    }
+
+    /// u, v and h of a point on the lattice.
+    pub(super) fn place(&self, p: Vec3) -> Vec3 {
+        Vec3::from(self.axes.map(|axis| axis.dot(p - self.origin)))
+    }
+
+    /// How far a place is above the plane.
+    pub(super) fn height(&self, p: Vec3) -> f32 {
+        let mean = 0.25 * self.corners.iter().sum::<f32>();
+        let middle = 0.5 * (self.first + self.last);
+        p.z - mean - self.slopes().dot(Vec2::new(p.x, p.y) - middle)
+    }
+
+    /// The plane's normal on the lattice: as long as the height above it grows along it.
+    pub(super) fn normal(&self) -> Vec3 {
+        let slopes = self.slopes();
+        self.axes[2] - slopes.x * self.axes[0] - slopes.y * self.axes[1]
+    }
+
+    /// The length of quads along u and along v, in lattice steps, about.
+    pub(super) fn long(&self) -> Vec2 {
+        let [u, v, h] = self.axes;
+        let volume = u.dot(v.cross(h)).abs();
+        Vec2::new(v.cross(h).length(), h.cross(u).length()) / volume
+    }
+
+    /// How the plane's height grows along u and v.
+    pub(super) fn slopes(&self) -> Vec2 {
+        let [a, b, c, d] = self.corners;
+        0.5 * Vec2::new(b + d - a - c, c + d - a - b) / (self.last - self.first)
+    }
+}

@@ -1,0 +1,146 @@
+//! Files mapped into memory, and slices that are owned or lie in one.
+
+use std::fs::File;
+use std::io;
+use std::ops::{Deref, Range};
+use std::path::Path;
+use std::ptr::NonNull;
+use std::sync::Arc;
+
+use bytemuck::AnyBitPattern;
+use memmap2::Mmap;
+
+/// A file's bytes, which the system reads when they are asked for.
+///
+/// Whoever changes the file while it is mapped changes what is read here; who shortens it ends the process by a signal.
+/// Files that are replaced by renaming another one are safe: the old file lives on until it is let go.
+#[derive(Debug)]
+pub struct MappedFile(Mmap);
+
+impl MappedFile {
+    /// Maps a whole file.
+    ///
+    /// # Errors
+    /// If it cannot be opened, or cannot be mapped as a pipe cannot.
+    pub fn open(path: &Path) -> io::Result<Self> {
+        let file = File::open(path)?;
+        // SAFETY: the map is private to us and read only. Should another process write to the file meanwhile, what was
+        // checked may no longer hold: readers see other numbers, but every number is a valid `AnyBitPattern`, and who
+        // uses them as indices does so with bounds checks; should it be shortened, reading beyond its end raises
+        // SIGBUS, which ends the process. The type's documentation says so, and our own files are replaced whole.
+        let map = unsafe { Mmap::map(&file)? };
+        Ok(Self(map))
+    }
+
+    /// All of it.
+    pub fn bytes(&self) -> &[u8] {
+        &self.0
+    }
+}
+
+/// A slice that is owned, or lies in a mapped file; as fast to read as a vector.
+pub struct Items<T> {
+    start: NonNull<T>,
+    len: usize,
+    // Never touched again, but for being dropped.
+    _owner: Owner<T>,
+}
+
+#[allow(dead_code, reason = "they only keep alive what `start` points to")]
+enum Owner<T> {
+    Vec(Vec<T>),
+    File(Arc<MappedFile>),
+}
+
+// SAFETY: it is a slice that nobody changes, with its owner: as good to send as a vector of the same.
+unsafe impl<T: Send> Send for Items<T> {}
+// SAFETY: likewise for sharing.
+unsafe impl<T: Sync> Sync for Items<T> {}
+
+impl<T: AnyBitPattern> Items<T> {
+    /// Those in a range of a file's bytes: none if they end beyond it, or in the middle of one, or are not aligned.
+    pub fn in_file(file: &Arc<MappedFile>, bytes: Range<usize>) -> Option<Self> {
+        let items: &[T] = bytemuck::try_cast_slice(file.bytes().get(bytes)?).ok()?;
+        Some(Self {
+            start: NonNull::from(items).cast(),
+            len: items.len(),
+            _owner: Owner::File(file.clone()),
+        })
+    }
+}
+
+impl<T> From<Vec<T>> for Items<T> {
+    fn from(items: Vec<T>) -> Self {
+        Self {
+            start: NonNull::from(items.as_slice()).cast(),
+            len: items.len(),
+            _owner: Owner::Vec(items),
+        }
+    }
+}
+
+impl<T> Default for Items<T> {
+    fn default() -> Self {
+        Vec::new().into()
+    }
+}
+
+impl<T> Deref for Items<T> {
+    type Target = [T];
+
+    #[inline(always)]
+    fn deref(&self) -> &[T] {
+        // SAFETY: `start` and `len` are those of a slice that the owner keeps where it is for as long as `self` lives:
+        // the vector is not changed any more, and moving it moves no items; the map stays until its last owner is gone.
+        unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.len) }
+    }
+}
+
+impl<T: PartialEq> PartialEq for Items<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl<T: Eq> Eq for Items<T> {}
+
+impl<T: std::fmt::Debug> std::fmt::Debug for Items<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn items_of_a_file_are_its_bytes() {
+        let path = std::env::temp_dir().join(format!("mapped-{}", std::process::id()));
+        let bytes: Vec<u8> = (0..64).collect();
+        std::fs::write(&path, &bytes).expect("written");
+        let file = Arc::new(MappedFile::open(&path).expect("mapped"));
+        std::fs::remove_file(&path).expect("removed");
+        let items = Items::<u32>::in_file(&file, 4..12).expect("two");
+        drop(file);
+        assert_eq!(*items, [0x0706_0504, 0x0b0a_0908]);
+        let owned = Items::from(vec![0x0706_0504, 0x0b0a_0908]);
+        assert_eq!(owned, items);
+        assert!(Items::<u32>::default().is_empty());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_none() {
+        let path = std::env::temp_dir().join(format!("mapped-odd-{}", std::process::id()));
+        std::fs::write(&path, [1_u8; 16]).expect("written");
+        let file = Arc::new(MappedFile::open(&path).expect("mapped"));
+        std::fs::remove_file(&path).expect("removed");
+        for bytes in [2..10, 0..6, 12..20, 20..24, usize::MAX - 3..usize::MAX] {
+            assert!(
+                Items::<u32>::in_file(&file, bytes.clone()).is_none(),
+                "{bytes:?}"
+            );
+        }
+        assert!(Items::<u32>::in_file(&file, 16..16).is_some_and(|none| none.is_empty()));
+    }
+}
