@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::patch::{Fan, Patch, first, patches, tiles};
+use super::patch::{Fan, Patch, first, patches};
 use super::tile::{FAN, Tile};
 use super::{Compressed, Face, fit};
 use crate::accel::boxes::Boxes;
@@ -220,12 +220,11 @@ impl<'a> Builder<'a> {
                 let quads = [right - left, above - below];
                 let patch = Patch {
                     face: place.grid as u32,
-                    first: [left as u16, below as u16],
+                    place: [column as u8, place.row as u8],
                     quads: quads.map(|n| n as u8),
-                    tiles: quads.map(|n| tiles(n) as u8),
                     root: 0,
                 };
-                make(patch, &keys, stride)
+                make(patch, left, &keys, stride)
             })
             .collect())
     }
@@ -243,7 +242,6 @@ impl<'a> Builder<'a> {
                 self.fans[key].push(Fan {
                     boxes: made.boxes[key],
                     first: self.tiles.len() as u32,
-                    zero: [0; 4],
                 });
             }
             self.tiles.extend(tiles);
@@ -254,9 +252,8 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// A patch of the vertices of a band, row by row, key by key.
-fn make(patch: Patch, keys: &[Vec<DVec3>], stride: usize) -> Made {
-    let left = usize::from(patch.first[0]);
+/// A patch of the vertices of a band from column `left` on, row by row, key by key.
+fn make(patch: Patch, left: usize, keys: &[Vec<DVec3>], stride: usize) -> Made {
     let mut made = Made {
         patch,
         tiles: vec![Vec::new(); keys.len()],
@@ -265,7 +262,7 @@ fn make(patch: Patch, keys: &[Vec<DVec3>], stride: usize) -> Made {
         thick: Thick::default(),
     };
     let mut children = vec![[Extent::EMPTY; LANES]; keys.len()];
-    let [columns, rows] = patch.tiles.map(usize::from);
+    let [columns, rows] = patch.tiles();
     for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
         let place = FAN * j + i;
         let [nu, nv] = patch.quads_of(place);

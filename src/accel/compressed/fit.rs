@@ -6,7 +6,7 @@
 
 use glam::DMat3;
 
-use super::tile::{Axis, FAN, Parts, Tile, cut, leaves};
+use super::tile::{Axis, FAN, Parts, Tile, WIDEST, cut, leaves};
 use crate::accel::lattice::REACH;
 use crate::accel::simd::LANES;
 use crate::math::DVec3;
@@ -22,8 +22,11 @@ const SPAN: f64 = 253.0;
 const LEAST_ANGLE: f64 = 0.05;
 const LEAST_SLANT: f64 = 0.25;
 
-/// No coordinate is larger: margins and depths could not be told.
-const MOST: f64 = 65536.0;
+/// Steeper surfaces, by the sine of heights to quads, have no slopes that are worth following.
+const LEAST_TURN: f64 = 1e-4;
+
+/// No height is larger: depths could not be told.
+const HIGHEST: f64 = 65536.0;
 
 /// The tiles of some quads at all motion keys, and how thick the slab of each leaf is at each, in lattice steps. Vertices
 /// are given by key, row by row, on the lattice.
@@ -68,9 +71,9 @@ pub(super) fn tiles(keys: &[Vec<DVec3>], quads: [usize; 2]) -> (Vec<Tile>, Vec<f
         Tile::new(&Parts {
             origin: placed.origin,
             axes,
-            margin: up(placed.margin(quads)),
             heights: placed.heights,
             depths: depths.map(|depths| depths.map(up)),
+            sides: placed.sides(quads),
         })
     });
     (tiles.collect(), thick)
@@ -78,7 +81,7 @@ pub(super) fn tiles(keys: &[Vec<DVec3>], quads: [usize; 2]) -> (Vec<Tile>, Vec<f
 
 /// A little more, in single precision.
 fn up(value: f64) -> f32 {
-    (value * (1.0 + 1e-6)) as f32
+    (value + 1e-6 * value.abs()) as f32
 }
 
 /// A leaf of a tile.
@@ -197,10 +200,10 @@ fn axes(keys: &[Vec<DVec3>], planes: &[Plane], quads: [usize; 2]) -> [Axis; 3] {
         corners.iter().map(of_key).fold(0.0, f64::max)
     };
     let finest = FINEST_STEP.max(FINEST_PART * du.length().min(dv.length()));
-    let most = |k: usize| (MOST / farthest[k]).min(1.0);
+    let most = |k: usize| (WIDEST / farthest[k]).min(1.0);
     let [u, v] = [0, 1].map(|k| Axis::nearest(rows.col(k) * most(k)));
     let up = rows.col(2);
-    let mut scale = 1.0 / (span(up) / SPAN).max(finest).max(farthest.z / MOST);
+    let mut scale = 1.0 / (span(up) / SPAN).max(finest).max(farthest.z / HIGHEST);
     let mut height = Axis::nearest(scale * up);
     // Roundings tilt what is flat.
     for _ in 0..8 {
@@ -246,6 +249,23 @@ fn displaced(keys: &[Vec<DVec3>], planes: &[Plane], quads: [usize; 2], normal: D
     }
 }
 
+/// The height at a corner's place in the plane, which may be beside that of its vertex, by the slopes around.
+fn levelled(at: &[DVec3], i: usize, j: usize, quads: [usize; 2]) -> f64 {
+    let vertex = |i, j| at[corner(i, j, quads)];
+    let p = vertex(i, j);
+    let along_u = vertex(i + 1, j) - vertex(i.saturating_sub(1), j);
+    let along_v = vertex(i, j + 1) - vertex(i, j.saturating_sub(1));
+    let normal = along_u.cross(along_v);
+    let place = |n: usize, quads| cut(n.min(leaves(quads)), quads) as f64;
+    let (u, v) = (place(i, quads[0]), place(j, quads[1]));
+    let off = (normal.x * (p.x - u) + normal.y * (p.y - v)) / normal.z;
+    if normal.z > LEAST_TURN * normal.length() && off.is_finite() {
+        p.z + off
+    } else {
+        p.z
+    }
+}
+
 /// Vertices at a motion key in the coordinates of their tile.
 struct Placed {
     origin: [i32; 3],
@@ -278,7 +298,7 @@ impl Placed {
         let most = DVec3::splat(f64::from(REACH - 1));
         let origin = origin.round().clamp(-most, most);
         let at: Vec<DVec3> = vertices.iter().map(|p| coordinates(*p, origin)).collect();
-        let height = |i, j| at[corner(i, j, quads)].z.round().clamp(0.0, 255.0) as u8;
+        let height = |i, j| levelled(&at, i, j, quads).round().clamp(0.0, 255.0) as u8;
         Self {
             origin: origin.to_array().map(|x| x as i32),
             heights: std::array::from_fn(|j| std::array::from_fn(|i| height(i, j))),
@@ -286,20 +306,21 @@ impl Placed {
         }
     }
 
-    /// How far vertices are outside of their leaves.
-    fn margin(&self, quads: [usize; 2]) -> f64 {
-        let outside = |leaf: Leaf| {
-            leaf.vertices(quads)
-                .map(|v| {
-                    let off = [0, 1].map(|k| {
-                        let [first, last] = leaf.ends[k].map(|x| x as f64);
-                        (first - self.at[v][k]).max(self.at[v][k] - last)
-                    });
-                    off[0].max(off[1])
-                })
-                .fold(0.0, f64::max)
-        };
-        of_tile(quads).map(outside).fold(0.0, f64::max)
+    /// How much wider leaves are than their quads, at the least u and v and at the most.
+    fn sides(&self, quads: [usize; 2]) -> [[[f32; 2]; 2]; LANES] {
+        let mut sides = [[[0.0; 2]; 2]; LANES];
+        for leaf in of_tile(quads) {
+            let (mut low, mut high) = (DVec3::MAX, DVec3::MIN);
+            for v in leaf.vertices(quads) {
+                (low, high) = (low.min(self.at[v]), high.max(self.at[v]));
+            }
+            let ends = leaf.ends.map(|ends| ends.map(|x| x as f64));
+            sides[leaf.lane()] = [
+                [0, 1].map(|k| up(ends[k][0] - low[k])),
+                [0, 1].map(|k| up(high[k] - ends[k][1])),
+            ];
+        }
+        sides
     }
 
     /// A leaf's corners: (0, 0), (1, 0), (0, 1) and (1, 1).

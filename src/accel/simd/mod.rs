@@ -14,6 +14,8 @@ mod x86;
 
 use bytemuck::{Pod, Zeroable};
 
+pub(super) use portable::Portable;
+
 /// Lanes in a register.
 pub(super) const LANES: usize = 16;
 
@@ -168,7 +170,7 @@ impl Isa {
     #[inline]
     pub(super) fn run<B: Body>(self, body: B) -> B::Output {
         match self.0 {
-            Set::Portable => body.run(portable::Portable),
+            Set::Portable => body.run(Portable),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `all` names AVX2 only where the processor has it.
             Set::Avx2 => unsafe { x86::run_avx2(body) },

@@ -4,7 +4,7 @@ use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 /// Needs nothing.
 #[derive(Clone, Copy)]
-pub(super) struct Portable;
+pub(in crate::accel) struct Portable;
 
 type Floats = [f32; LANES];
 type Ints = [i32; LANES];
