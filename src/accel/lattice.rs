@@ -79,7 +79,7 @@ impl Lattice {
 
     /// The nearest point of the lattice; none if it is beyond [`REACH`].
     pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
-        let at = self.coordinates(p).round();
+        let at = self.on_lattice(p).round();
         (at.abs().max_element() < f64::from(REACH)).then_some([
             at.x as i32,
             at.y as i32,
@@ -87,15 +87,22 @@ impl Lattice {
         ])
     }
 
-    /// The coordinates of a point that is on no point of the lattice.
-    pub(super) fn coordinates(&self, p: Vec3) -> DVec3 {
-        (p.as_dvec3() - self.anchor.as_dvec3()) / f64::from(self.step)
-    }
-
     /// Where a point of the lattice is in the object's space.
     pub(super) fn position(&self, p: [i32; 3]) -> DVec3 {
         let [x, y, z] = p.map(f64::from);
-        self.anchor.as_dvec3() + f64::from(self.step) * DVec3::new(x, y, z)
+        self.anchor.as_dvec3() + self.step() * DVec3::new(x, y, z)
+    }
+
+    /// Where a point of the object's space is on the lattice.
+    #[inline]
+    pub(super) fn on_lattice(&self, p: Vec3) -> DVec3 {
+        (p.as_dvec3() - self.anchor.as_dvec3()) / self.step()
+    }
+
+    /// A step in the object's space.
+    #[inline]
+    pub(super) fn step(&self) -> f64 {
+        f64::from(self.step)
     }
 
     /// The box in the object's space, larger by two steps and some roundings: a ray that comes from a hundred
@@ -104,7 +111,7 @@ impl Lattice {
         if extent.is_empty() {
             return Bounds3::EMPTY;
         }
-        let slack = |p: DVec3| 2.0 * f64::from(self.step) + f64::from(f32::EPSILON) * p.abs();
+        let slack = |p: DVec3| 2.0 * self.step() + f64::from(f32::EPSILON) * p.abs();
         let (min, max) = (self.position(extent.min), self.position(extent.max));
         Bounds3 {
             min: (min - slack(min)).as_vec3(),
@@ -175,7 +182,7 @@ impl LatticeRay {
             direction: d,
             k: [kx, ky, kz],
             // The third one gives the ray's own t.
-            s: [d[kx] / d[kz], d[ky] / d[kz], t_scale / d[kz]],
+            s: [d[kx], d[ky], t_scale].map(|x| x * inverse[kz]),
             slack: [ix, iy, iz, 1.0].map(|inverse| slack.copysign(inverse)),
             inverse: [ix, iy, iz, 1.0],
             t_min: ray.t_min * per_t * (1.0 - 4.0 * f32::EPSILON),

@@ -43,12 +43,16 @@ pub struct TracedSurface {
     pub bytes: usize,
     /// How far the method moved micro-vertices, if it did.
     pub accuracy: Option<Accuracy>,
+    /// How thick the slabs are that the method has instead of micro-triangles, if it has.
+    pub thick: Option<AchievedError>,
 }
 
 impl TracedSurface {
-    /// How far the method moved micro-vertices, if it did, by the object's size and in pixels.
+    /// How far hits may be from the micro-triangles as they were diced, if they may, by the object's size and in pixels:
+    /// how far the method moved micro-vertices, or how thick its slabs are.
     pub fn error(&self) -> Option<AchievedError> {
-        self.accuracy.as_ref().map(Accuracy::achieved)
+        self.thick
+            .or(self.accuracy.as_ref().map(Accuracy::achieved))
     }
 }
 
@@ -164,6 +168,7 @@ impl Method {
             places,
             bytes,
             accuracy,
+            thick: None,
         })
     }
 
@@ -180,7 +185,7 @@ impl Method {
         device: &Device,
         how: How<'_>,
     ) -> Result<TracedSurface> {
-        let mut accuracy = None;
+        let (mut accuracy, mut thick) = (None, None);
         let diced = || {
             let diced = Diced::watched(surface, rates, how.go_on);
             diced.map(Arc::new).ok_or(Error::Interrupted)
@@ -215,6 +220,7 @@ impl Method {
             }
             Self::Compressed => {
                 let tree = Compressed::build(surface, rates, how.go_on)?;
+                thick = Some(tree.achieved());
                 let (geometry, _, bytes) = of_hit(tree, surface, device)?;
                 (geometry, HitPlaces::NearHit, bytes)
             }
@@ -225,6 +231,7 @@ impl Method {
             places,
             bytes,
             accuracy,
+            thick,
         })
     }
 }

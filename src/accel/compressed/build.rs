@@ -15,6 +15,7 @@ use crate::accel::simd::{Isa, LANES};
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Vec3};
+use crate::stats::AchievedError;
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
 /// Bands that are in work at once.
@@ -36,9 +37,9 @@ struct Made {
     thick: Thick,
 }
 
-/// How thick slabs are, in lattice steps.
+/// How thick slabs are.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Thick {
+struct Thick {
     largest: f64,
     squares: f64,
     leaves: u64,
@@ -64,7 +65,19 @@ impl Compressed {
         let mut lattice = Lattice::around(&bounds, 0.0);
         loop {
             match Builder::new(surface, rates, &shared, lattice).run(progress) {
-                Ok(built) => return Ok(built),
+                Ok(mut built) => {
+                    // Steps of the lattice become diagonals and pixels.
+                    let (thick, step) = (&mut built.thick, lattice.step());
+                    thick.max_pixels = (rates.pixels_per_unit())
+                        .map(|pixels| f64::from(pixels) * step * thick.max_diagonals);
+                    let scale = match f64::from(bounds.extent().length()) {
+                        diagonal if diagonal > 0.0 => step / diagonal,
+                        _ => 0.0,
+                    };
+                    thick.max_diagonals *= scale;
+                    thick.rms_diagonals *= scale;
+                    return Ok(built);
+                }
                 Err(Stop::Error(error)) => return Err(error),
                 // What is displaced that far has grown accordingly.
                 Err(Stop::TooFar) => lattice.step *= 16.0,
@@ -168,7 +181,7 @@ impl<'a> Builder<'a> {
             patches: patches.into(),
             fans: fans.into(),
             tiles: self.tiles.into(),
-            thick: self.thick,
+            thick: self.thick.told(),
         })
     }
 
@@ -207,7 +220,7 @@ impl<'a> Builder<'a> {
             self.surface
                 .dice_rows(grid, rows, key, shared, scratch, &mut points);
             let on_lattice = points.iter().map(|&p| {
-                let p = self.lattice.coordinates(p);
+                let p = self.lattice.on_lattice(p);
                 (p.abs().max_element() < f64::from(REACH - 1)).then_some(p)
             });
             let on_lattice = on_lattice.collect::<Option<Vec<DVec3>>>();
@@ -302,6 +315,16 @@ impl Thick {
             largest: self.largest.max(other.largest),
             squares: self.squares + other.squares,
             leaves: self.leaves + other.leaves,
+        }
+    }
+
+    /// In lattice steps.
+    fn told(self) -> AchievedError {
+        AchievedError {
+            max_diagonals: self.largest,
+            rms_diagonals: (self.squares / self.leaves.max(1) as f64).sqrt(),
+            max_pixels: None,
+            vertices: self.leaves,
         }
     }
 }

@@ -12,10 +12,10 @@ pub(super) struct Leaf {
     origin: Vec3,
     pub(super) axes: [Vec3; 3],
     /// Heights of the corners (0, 0), (1, 0), (0, 1) and (1, 1).
-    corners: [f32; 4],
+    pub(super) corners: [f32; 4],
     /// Its quads in u and v: the first one, and the one after the last.
-    first: Vec2,
-    last: Vec2,
+    pub(super) first: Vec2,
+    pub(super) last: Vec2,
     /// Where it begins and ends in u and v.
     pub(super) from: Vec2,
     pub(super) to: Vec2,
@@ -67,13 +67,6 @@ impl Leaf {
         Vec3::from(self.axes.map(|axis| axis.dot(p - self.origin)))
     }
 
-    /// How far a place is above the plane.
-    pub(super) fn height(&self, p: Vec3) -> f32 {
-        let mean = 0.25 * self.corners.iter().sum::<f32>();
-        let middle = 0.5 * (self.first + self.last);
-        p.z - mean - self.slopes().dot(Vec2::new(p.x, p.y) - middle)
-    }
-
     /// The plane's normal on the lattice: as long as the height above it grows along it.
     pub(super) fn normal(&self) -> Vec3 {
         let slopes = self.slopes();
@@ -89,13 +82,6 @@ impl Leaf {
             Vec2::splat(0.5)
         };
         self.first + part.clamp(Vec2::ZERO, Vec2::ONE) * (self.last - self.first)
-    }
-
-    /// The length of quads along u and along v, in lattice steps, about.
-    pub(super) fn long(&self) -> Vec2 {
-        let [u, v, h] = self.axes;
-        let volume = u.dot(v.cross(h)).abs();
-        Vec2::new(v.cross(h).length(), h.cross(u).length()) / volume
     }
 
     /// How the plane's height grows along u and v.

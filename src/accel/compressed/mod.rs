@@ -16,8 +16,9 @@
 //!
 //! A leaf's slab encloses all its micro-quads, those of the diced surface ([`Diced`](crate::surface::Diced) shows the same
 //! ones), so that slabs overlap wherever micro-quads touch, within faces and between them: there are no cracks. The ray
-//! meets a slab halfway through it. What is hit is thus off the surface by no more than half of the slab's thickness, and
-//! [`Hit::error`] says so; who shades goes on from there to the surface itself.
+//! meets a slab halfway through it, or where it enters or leaves it if it passes above or below that. What is hit is thus
+//! off the surface by no more than the slab is thick, and [`Hit::error`] says so; who shades goes on from there to the
+//! surface itself.
 //!
 //! We differ from the paper, whose tables are not public, in this: a leaf is no box but a slab along the mean plane of its
 //! corners, whose heights leaves share with each other (see `tile`). A box is as thick as its content is steep: rays that
@@ -44,8 +45,8 @@ use super::simd::Isa;
 use super::top::Top;
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray, Vec2};
+use crate::stats::AchievedError;
 use crate::surface::FaceGrid;
-use build::Thick;
 use leaf::Leaf;
 use patch::{Fan, Patch};
 use tile::{FAN, Tile};
@@ -67,7 +68,7 @@ pub struct Compressed {
     /// Patch by patch, at each motion key.
     fans: Items<Fan>,
     tiles: Items<Tile>,
-    thick: Thick,
+    thick: AchievedError,
 }
 
 /// How a face is diced.
@@ -80,6 +81,11 @@ struct Face {
 }
 
 impl Compressed {
+    /// How thick leaves' slabs are at most, and in the mean over all leaves: no farther from a hit is the diced surface.
+    pub fn achieved(&self) -> AchievedError {
+        self.thick
+    }
+
     /// Bytes of faces, patches and the tree above, of fans, and of tiles.
     pub fn parts(&self) -> [usize; 3] {
         [

@@ -34,6 +34,20 @@ fn outside(leaf: &Leaf, p: DVec3) -> f32 {
 }
 
 impl Leaf {
+    /// How far a place is above the plane.
+    fn height(&self, p: Vec3) -> f32 {
+        let mean = 0.25 * self.corners.iter().sum::<f32>();
+        let middle = 0.5 * (self.first + self.last);
+        p.z - mean - self.slopes().dot(Vec2::new(p.x, p.y) - middle)
+    }
+
+    /// The length of quads along u and along v, in lattice steps, about.
+    fn long(&self) -> Vec2 {
+        let [u, v, h] = self.axes;
+        let volume = u.dot(v.cross(h)).abs();
+        Vec2::new(v.cross(h).length(), h.cross(u).length()) / volume
+    }
+
     /// By how much places may be rounded.
     fn rounding(&self) -> Vec3 {
         let [u, v, h] = self.axes.map(|axis| {
@@ -64,7 +78,7 @@ impl Compressed {
         };
         let vertex = |i: usize, j: usize| {
             let vertex = grid.vertex(i as u16, j as u16) as usize;
-            self.lattice.coordinates(diced.positions()[key][vertex])
+            self.lattice.on_lattice(diced.positions()[key][vertex])
         };
         range(1)
             .flat_map(|j| range(0).map(move |i| (i, j)))
