@@ -36,7 +36,7 @@ pub struct Stats {
     pub nanoseconds_per_ray: f64,
     /// Bytes by owner after building.
     pub bytes: Bytes,
-    /// How far the method moved micro-vertices, if it did.
+    /// How far the method moved micro-vertices, or how thick its slabs are, if it did or has any.
     pub achieved_error: Option<AchievedError>,
     /// Counts of what the scene holds.
     pub scene_counts: SceneCounts,

@@ -160,7 +160,15 @@ fn verify_finds_one_surface_by_all_methods() {
     for row in rows {
         let number = |name: &str| row[name].as_f64().expect("a number");
         assert_eq!(number("rays"), 20_000.0);
-        assert!(number("max_distance") < 1e-4, "{row}");
+        // A slab is hit somewhere within, and says how thick it is.
+        let thick = match row["method"].as_str() {
+            Some("compressed") => row["achieved_error"]["max_diagonals"]
+                .as_f64()
+                .expect("told"),
+            _ => 0.0,
+        };
+        assert!(thick < 5e-4, "{row}");
+        assert!(number("max_distance") < 1e-4 + thick, "{row}");
         assert!(number("rms_distance") <= number("max_distance"), "{row}");
         assert!(number("max_normal_degrees") < 10.0, "{row}");
         assert!(

@@ -57,9 +57,13 @@ fn check_section(section: Node<'_, '_>, measured: &Value) {
         assert!(0.0 < rms && rms < max && max < 1e-2, "{row}");
         let added = number(&row["rms_to_triangles"]);
         assert!(added <= number(&row["max_to_triangles"]), "{row}");
-        // All but Embree's subdivision dice alike.
+        // All but Embree's subdivision dice alike. A slab is hit somewhere within, and says how thick it is.
+        let thick = match row["method"].as_str() {
+            Some("compressed") => number(&row["achieved_error"]["rms_diagonals"]),
+            _ => 0.0,
+        };
         assert!(
-            added < 2e-5 || row["method"] == "embree-subdivision",
+            added < 2e-5 + thick || row["method"] == "embree-subdivision",
             "{row}"
         );
         let line = elements(section, (HTML, "tr"))

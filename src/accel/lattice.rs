@@ -40,6 +40,14 @@ impl Extent {
         self.union(Self { min: p, max: p })
     }
 
+    /// Around points, which lie less than [`REACH`] from zero.
+    pub(super) fn around(points: &[DVec3]) -> Self {
+        points.iter().fold(Self::EMPTY, |all, p| {
+            let [low, high] = [p.floor(), p.ceil()].map(|p| p.to_array().map(|x| x as i32));
+            all.including(low).including(high)
+        })
+    }
+
     #[must_use]
     pub(super) fn union(self, other: Self) -> Self {
         let pick = |a: [i32; 3], b: [i32; 3], f: fn(i32, i32) -> i32| {
@@ -53,6 +61,22 @@ impl Extent {
 }
 
 impl Lattice {
+    /// Around what is within `bounds`, and as much again on all sides. Steps are `step` long if that is not too fine.
+    pub(super) fn around(bounds: &Bounds3, step: f32) -> Self {
+        // Half of the lattice is left for what displacement adds.
+        let finest = bounds.extent().max_element() / REACH as f32;
+        let step = if step > finest { step } else { finest };
+        const LEAST: f32 = 1e-30;
+        Self {
+            anchor: if bounds.is_empty() {
+                Vec3::ZERO
+            } else {
+                bounds.centre()
+            },
+            step: if step >= LEAST { step } else { LEAST },
+        }
+    }
+
     /// The nearest point of the lattice; none if it is beyond [`REACH`].
     pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
         let at = self.on_lattice(p).round();
@@ -101,6 +125,8 @@ impl Lattice {
 pub(super) struct LatticeRay {
     /// The fourth components are there for the sake of registers.
     pub(super) origin: [f32; 4],
+    /// The largest component is 1 to 2; of either sign.
+    pub(super) direction: [f32; 3],
     /// Axes: `k[2]` is the largest of the direction, the others follow so that handedness is kept.
     pub(super) k: [usize; 3],
     /// Shear along the first two, and scale along the third, which leads to the ray's own `t`.
@@ -113,7 +139,7 @@ pub(super) struct LatticeRay {
     pub(super) t_min: f32,
     pub(super) t_max: f32,
     /// What `t` is here for a `t` of 1 of the ray's own.
-    per_t: f32,
+    pub(super) per_t: f32,
 }
 
 impl LatticeRay {
@@ -153,6 +179,7 @@ impl LatticeRay {
         let [ix, iy, iz] = inverse;
         Self {
             origin: [ox, oy, oz, 0.0],
+            direction: d,
             k: [kx, ky, kz],
             // The third one gives the ray's own t.
             s: [d[kx], d[ky], t_scale].map(|x| x * inverse[kz]),

@@ -2,6 +2,7 @@
 
 mod boxes;
 mod compact;
+mod compressed;
 mod lattice;
 mod moment;
 mod simd;
@@ -15,6 +16,7 @@ mod trimmed;
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
 pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
+pub use compressed::Compressed;
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

@@ -78,7 +78,7 @@ impl Compare {
     }
 }
 
-/// A line for each method that moves micro-vertices.
+/// A line for each method that moves micro-vertices, or has slabs instead.
 pub(super) fn moved<'a>(rows: impl Iterator<Item = (&'a str, Option<AchievedError>)>) -> String {
     let mut told = Vec::new();
     let mut text = String::new();
@@ -88,8 +88,12 @@ pub(super) fn moved<'a>(rows: impl Iterator<Item = (&'a str, Option<AchievedErro
         };
         told.push(method);
         let (max, rms) = (error.max_diagonals, error.rms_diagonals);
-        text +=
-            &format!("{method}: micro-vertices moved by up to {max:.2e} diagonals, rms {rms:.2e}");
+        let what = if method == Method::Compressed.name() {
+            "slabs thick by"
+        } else {
+            "micro-vertices moved by"
+        };
+        text += &format!("{method}: {what} up to {max:.2e} diagonals, rms {rms:.2e}");
         if let Some(pixels) = error.max_pixels {
             text += &format!("; up to {pixels:.3} pixels");
         }

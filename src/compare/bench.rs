@@ -108,7 +108,7 @@ pub struct BenchRow {
     pub bytes_per_micro_triangle: f64,
     /// Dicing and building trees, on all threads.
     pub build_seconds: f64,
-    /// How far the method moved micro-vertices, if it did.
+    /// How far the method moved micro-vertices, or how thick its slabs are, if it did or has any.
     pub achieved_error: Option<AchievedError>,
     /// Millions of rays a second.
     pub mrays: BySpeed,

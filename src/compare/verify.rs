@@ -59,7 +59,7 @@ pub struct VerifyRow {
     pub max_normal_degrees: f64,
     /// Rays that left a closed mesh from within.
     pub leaks: u64,
-    /// How far the method moved micro-vertices, if it did: a part of the distances.
+    /// How far the method moved micro-vertices, or how thick its slabs are: a part of the distances.
     pub achieved_error: Option<AchievedError>,
 }
 

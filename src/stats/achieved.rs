@@ -1,13 +1,13 @@
-//! How far compression moved the micro-vertices of a scene.
+//! How far compression moved the micro-vertices of a scene, or how thick the slabs are that stand for them.
 
 use serde::Serialize;
 
-/// Of all objects that are traced by a method that moves them.
+/// Of all objects that are traced by a method that moves them, or has slabs instead.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct AchievedError {
     /// The farthest, in diagonals of its object's box.
     pub max_diagonals: f64,
-    /// The root of the mean square over all micro-vertices, in diagonals of their objects' boxes.
+    /// The root of the mean square over all micro-vertices, or all slabs, in diagonals of their objects' boxes.
     pub rms_diagonals: f64,
     /// The farthest, in pixels at its object's closest view; none where no pixels are known.
     pub max_pixels: Option<f64>,

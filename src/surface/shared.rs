@@ -14,7 +14,7 @@ use super::base::{LimitGrid, Texcoord, TexcoordGrid, edge_uv};
 use super::displace::{Amount, Displacement, DisplacementPoint, MapGrid, Space};
 use super::evaluate::{SINE, Surface, Tangents, unit_normal};
 use super::rates::Rates;
-use crate::math::{Vec2, Vec3};
+use crate::math::{Bounds3, Vec2, Vec3};
 
 /// Room to work in; keep one per thread.
 #[derive(Debug, Clone, Default)]
@@ -70,6 +70,17 @@ impl SharedSamples {
             starts,
             samples,
         }
+    }
+
+    /// The box around what the faces that are no holes share, at all motion keys given.
+    pub fn bounds(surface: &Surface, keys: &[Self]) -> Bounds3 {
+        let base = surface.base();
+        let faces = (0..base.faces()).filter(|&face| !base.is_hole(face));
+        let edges = faces.flat_map(|face| (0..4).map(move |k| (face, k)));
+        edges.fold(Bounds3::EMPTY, |bounds, (face, k)| {
+            let walks = keys.iter().flat_map(|key| key.walk(surface, face, k));
+            walks.fold(bounds, Bounds3::including)
+        })
     }
 
     /// A vertex of the surface.

@@ -92,7 +92,9 @@ impl World {
             -1.0
         };
         let on_facet = ray.at(hit.t);
-        let place = shape.place(hit);
+        let place = shape.place(hit, || {
+            space.map_or(*ray, |space| space.ray_from_world(ray))
+        });
         let point = shape.point(geometry, place, towards * hit.normal, ray.time);
         let largest = on_facet.abs().max(ray.origin.abs()).max_element();
         // The hit's own error is in the object's space.
@@ -113,7 +115,10 @@ impl World {
             // their neighbours. The smooth surface lies in front of them there.
             let gap = point_to_world(smooth.position) - on_facet;
             let ahead = towards * gap.dot(geometric_normal);
-            if ahead > 0.0 && ahead.is_finite() {
+            if shape.is_near_only() && gap.is_finite() {
+                // A box is no facet: the surface may as well lie behind what was hit, within the error.
+                position = on_facet + gap.clamp_length_max(error);
+            } else if ahead > 0.0 && ahead.is_finite() {
                 position = on_facet + towards * ahead * geometric_normal;
             }
         }

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use crate::accel::{
-    Accuracy, Compact, CompactOptions, Intersector, Keep, MaxError, Tessellated, Trimmed,
+    Accuracy, Compact, CompactOptions, Compressed, Intersector, Keep, MaxError, Tessellated,
+    Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -28,6 +29,8 @@ pub enum Method {
     Tessellated,
     /// Our micro-triangles quantised, in trees without pointers.
     Compact,
+    /// Thin slabs around a few of our micro-triangles each, in trees without pointers.
+    Compressed,
 }
 
 /// A surface built for a method.
@@ -40,12 +43,16 @@ pub struct TracedSurface {
     pub bytes: usize,
     /// How far the method moved micro-vertices, if it did.
     pub accuracy: Option<Accuracy>,
+    /// How thick the slabs are that the method has instead of micro-triangles, if it has.
+    pub thick: Option<AchievedError>,
 }
 
 impl TracedSurface {
-    /// How far the method moved micro-vertices, if it did, by the object's size and in pixels.
+    /// How far hits may be from the micro-triangles as they were diced, if they may, by the object's size and in pixels:
+    /// how far the method moved micro-vertices, or how thick its slabs are.
     pub fn error(&self) -> Option<AchievedError> {
-        self.accuracy.as_ref().map(Accuracy::achieved)
+        self.thick
+            .or(self.accuracy.as_ref().map(Accuracy::achieved))
     }
 }
 
@@ -67,17 +74,20 @@ pub enum HitPlaces {
     Grids(Arc<Grids>),
     /// The hit has them itself.
     OfHit,
+    /// The hit has some that are near: it stands for a piece of the surface.
+    NearHit,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
         Self::EmbreeGridCompact,
         Self::Tessellated,
         Self::Compact,
+        Self::Compressed,
     ];
 
     /// Its name on the command line and in reports.
@@ -89,6 +99,7 @@ impl Method {
             Self::EmbreeGridCompact => "embree-grid-compact",
             Self::Tessellated => "tessellated",
             Self::Compact => "compact",
+            Self::Compressed => "compressed",
         }
     }
 
@@ -103,6 +114,9 @@ impl Method {
             Self::EmbreeGridCompact => "the same grids in Embree's compact trees: a sixth smaller",
             Self::Tessellated => "micro-triangles in a plain tree of our own: slow",
             Self::Compact => "micro-triangles at about a byte each, in trees of our own",
+            Self::Compressed => {
+                "thin slabs around a few micro-triangles each, at about half a byte for one"
+            }
         }
     }
 
@@ -115,6 +129,7 @@ impl Method {
             Self::EmbreeGrid | Self::EmbreeGridCompact => 32,
             Self::Tessellated => 50,
             Self::Compact => 3,
+            Self::Compressed => 2,
         }
     }
 
@@ -153,6 +168,7 @@ impl Method {
             places,
             bytes,
             accuracy,
+            thick: None,
         })
     }
 
@@ -169,7 +185,7 @@ impl Method {
         device: &Device,
         how: How<'_>,
     ) -> Result<TracedSurface> {
-        let mut accuracy = None;
+        let (mut accuracy, mut thick) = (None, None);
         let diced = || {
             let diced = Diced::watched(surface, rates, how.go_on);
             diced.map(Arc::new).ok_or(Error::Interrupted)
@@ -202,6 +218,12 @@ impl Method {
                 }
                 of_hit(tree, surface, device)?
             }
+            Self::Compressed => {
+                let tree = Compressed::build(surface, rates, how.go_on)?;
+                thick = Some(tree.achieved());
+                let (geometry, _, bytes) = of_hit(tree, surface, device)?;
+                (geometry, HitPlaces::NearHit, bytes)
+            }
         };
         let geometry = places.trimmed(geometry, surface);
         Ok(TracedSurface {
@@ -209,6 +231,7 @@ impl Method {
             places,
             bytes,
             accuracy,
+            thick,
         })
     }
 }
@@ -237,7 +260,7 @@ impl HitPlaces {
         match self {
             Self::Triangles(grids) => diced_triangle_uv(grids, hit.primitive, hit.uv),
             Self::Grids(grids) => diced_grid_uv(grids, hit.primitive, hit.uv),
-            Self::OfHit => (hit.face, hit.uv),
+            Self::OfHit | Self::NearHit => (hit.face, hit.uv),
         }
     }
 
@@ -259,7 +282,7 @@ impl HitPlaces {
                         is_kept(diced_grid_uv(&grids, primitive, uv))
                     }));
                 }
-                Self::OfHit => {}
+                Self::OfHit | Self::NearHit => {}
             }
         }
         geometry

@@ -4,11 +4,14 @@ use std::sync::Arc;
 
 use super::displacement::{embree_slot, of_embree};
 use super::method::HitPlaces;
-use crate::math::{Vec2, Vec3};
+use crate::math::{Ray, Vec2, Vec3};
 use crate::mesh::{ControlMesh, Interpolation, Primvar};
 use crate::shade::texture_map::Read;
 use crate::surface::{self, Carrier, Subdivision};
 use crate::trace::{Geometry, SceneHit, SurfacePoint};
+
+/// Farther than this part of a face, a step of [`Smooth::refined`] is none: the surface is too bent there.
+const FARTHEST_STEP: f32 = 0.25;
 
 pub(super) struct Shape {
     pub(super) surface: Surface,
@@ -78,12 +81,23 @@ impl Shape {
         }
     }
 
-    pub(super) fn place(&self, hit: &SceneHit) -> Place {
+    /// `ray` is asked for the ray that hit, in object space, only where that is needed.
+    #[inline]
+    pub(super) fn place(&self, hit: &SceneHit, ray: impl FnOnce() -> Ray) -> Place {
         let (face, uv) = match &self.surface {
             Surface::Smooth(smooth) => smooth.places.face_uv(hit),
             Surface::Subdivision { .. } | Surface::Polygons(_) => (hit.primitive, hit.uv),
         };
-        Place { face, uv }
+        let place = Place { face, uv };
+        match &self.surface {
+            Surface::Smooth(smooth) if self.is_near_only() => smooth.refined(place, hit, &ray()),
+            _ => place,
+        }
+    }
+
+    /// Whether hits are but near to the surface, which is to be asked where it is.
+    pub(super) fn is_near_only(&self) -> bool {
+        matches!(&self.surface, Surface::Smooth(smooth) if matches!(smooth.places, HitPlaces::NearHit))
     }
 
     /// `facet` is the hit's normal on the side that the ray comes from.
@@ -205,6 +219,41 @@ impl Surface {
 }
 
 impl Smooth {
+    /// Where the ray meets the tangent plane at a place near the hit: one step of Newton's, no farther than the hit may
+    /// be from the surface.
+    fn refined(&self, place: Place, hit: &SceneHit, ray: &Ray) -> Place {
+        let point = self.point(place, ray.time);
+        let [du, dv] = point.derivatives;
+        let Some(smooth) = &point.smooth else {
+            return place;
+        };
+        let normal = du.cross(dv);
+        let slant = normal.dot(ray.direction);
+        let at = ray.at(hit.t);
+        let along = normal.dot(smooth.position - at) / slant;
+        let to_plane = (along * ray.direction).clamp_length_max(hit.error);
+        // Along an outline the plane is nowhere near.
+        let to_plane = if to_plane.is_finite() {
+            to_plane
+        } else {
+            Vec3::ZERO
+        };
+        let off = at + to_plane - smooth.position;
+        // The one of least squares: what is across the plane does not count.
+        let (uu, uv, vv) = (du.length_squared(), du.dot(dv), dv.length_squared());
+        let (u, v) = (du.dot(off), dv.dot(off));
+        let step = Vec2::new(u * vv - v * uv, v * uu - u * uv) / (uu * vv - uv * uv);
+        let uv = place.uv + step;
+        if uv.is_finite() && uv.distance(place.uv) < FARTHEST_STEP {
+            Place {
+                uv: uv.clamp(Vec2::ZERO, Vec2::ONE),
+                ..place
+            }
+        } else {
+            place
+        }
+    }
+
     fn point(&self, Place { face, uv }: Place, time: f32) -> Point {
         let last = self.surface.base().keys() - 1;
         let at = time.clamp(0.0, 1.0) * last as f32;

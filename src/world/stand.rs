@@ -2,7 +2,7 @@
 
 use glam::Vec3A;
 
-use crate::math::{Affine3A, Vec3};
+use crate::math::{Affine3A, Ray, Vec3};
 
 /// Where a shape stands while the shutter is open.
 pub(super) enum Stand {
@@ -43,17 +43,20 @@ impl Stand {
 
 impl Space {
     fn new(world_from_object: Affine3A) -> Self {
-        let m = &world_from_object.matrix3;
-        let columns = [m.x_axis, m.y_axis, m.z_axis];
         Self {
             world_from_object,
             object_from_world: world_from_object.inverse(),
-            stretch: (columns.map(Vec3A::length_squared).iter().sum::<f32>()).sqrt(),
+            stretch: stretch(&world_from_object),
         }
     }
 
     pub(super) fn stretch(&self) -> f32 {
         self.stretch
+    }
+
+    /// A ray of the world's in object space.
+    pub(super) fn ray_from_world(&self, ray: &Ray) -> Ray {
+        ray.transformed(&self.object_from_world)
     }
 
     pub(super) fn point_to_world(&self, point: Vec3) -> Vec3 {
@@ -68,6 +71,14 @@ impl Space {
     pub(super) fn normal_to_world(&self, normal: Vec3) -> Vec3 {
         Vec3::from(self.object_from_world.matrix3.transpose() * Vec3A::from(normal))
     }
+}
+
+/// No vector gets longer by more than this: its square bounds the eigenvalues of the matrix's product with itself
+/// (Gershgorin). What only turns and scales it bounds exactly.
+fn stretch(map: &Affine3A) -> f32 {
+    let columns = [map.matrix3.x_axis, map.matrix3.y_axis, map.matrix3.z_axis];
+    let row = |a: &Vec3A| columns.iter().map(|b| a.dot(*b).abs()).sum::<f32>();
+    columns.iter().map(row).fold(0.0, f32::max).sqrt()
 }
 
 /// Element-wise between motion keys, as Embree itself interpolates the matrices of an instance.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::block::{CELLS, PADDING, SIDE, UNIT, Vertices};
 use super::patch::{FAN, Node, Patch, SPAN};
 use super::{Accuracy, Compact, CompactOptions, Face};
-use crate::accel::lattice::{Extent, Lattice, REACH};
+use crate::accel::lattice::{Extent, Lattice};
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
@@ -60,7 +60,7 @@ impl Compact {
         let shared: Vec<SharedSamples> = (0..surface.base().keys())
             .map(|key| SharedSamples::new(surface, rates, key))
             .collect();
-        let bounds = bounds(surface, &shared);
+        let bounds = SharedSamples::bounds(surface, &shared);
         let diagonal = bounds.extent().length();
         let error = (options.max_error).units(diagonal, rates.pixels_per_unit())?;
         let mut lattice = lattice(&bounds, error);
@@ -80,38 +80,10 @@ impl Compact {
     }
 }
 
-/// Around what the faces share.
-fn bounds(surface: &Surface, shared: &[SharedSamples]) -> Bounds3 {
-    let base = surface.base();
-    let faces = (0..base.faces()).filter(|&face| !base.is_hole(face));
-    faces.flat_map(|face| (0..4).map(move |k| (face, k))).fold(
-        Bounds3::EMPTY,
-        |bounds, (face, k)| {
-            shared.iter().fold(bounds, |bounds, shared| {
-                shared
-                    .walk(surface, face, k)
-                    .fold(bounds, Bounds3::including)
-            })
-        },
-    )
-}
-
 /// The lattice in which no vertex moves by more than `error`, unless it is too fine for what is within `bounds`.
 fn lattice(bounds: &Bounds3, error: f32) -> Lattice {
     // A vertex moves by half of a cube's diagonal at most.
-    let step = 2.0 / 3.0_f32.sqrt() * error;
-    // Half of the lattice is left for what displacement adds.
-    let finest = bounds.extent().max_element() / REACH as f32;
-    let step = if step > finest { step } else { finest };
-    const LEAST: f32 = 1e-30;
-    Lattice {
-        anchor: if bounds.is_empty() {
-            Vec3::ZERO
-        } else {
-            bounds.centre()
-        },
-        step: if step >= LEAST { step } else { LEAST },
-    }
+    Lattice::around(bounds, 2.0 / 3.0_f32.sqrt() * error)
 }
 
 struct Builder<'a> {

@@ -12,6 +12,10 @@ mod tests;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
+use bytemuck::{Pod, Zeroable};
+
+pub(super) use portable::Portable;
+
 /// Lanes in a register.
 pub(super) const LANES: usize = 16;
 
@@ -45,6 +49,7 @@ pub(super) trait Lanes: Copy {
     fn add(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     fn sub(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     fn mul(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    fn div(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     /// The lesser one; `b` if either is not a number.
     fn min(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     /// The greater one; `b` if either is not a number.
@@ -76,10 +81,46 @@ pub(super) trait Lanes: Copy {
     /// If `width` exceeds [`NARROW`], or fewer than 16 bytes follow.
     fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> Self::Ints;
 
+    /// For each lane, the entry of `table` that its number in `numbers` names.
+    fn pick(self, numbers: &Nibbles, table: Self::Floats) -> Self::Floats;
+
     /// Lane i takes lane i + 1 of its half; the last lane of each half stays.
     fn next_in_row(self, a: Self::Floats) -> Self::Floats;
     /// The upper half of `a`, then the lower half of `b`.
     fn next_row(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+}
+
+/// Sixteen numbers of four bits, one a lane: those of the even lanes, then those of the odd ones, so that no lane has to
+/// look beyond its half of eight bytes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(transparent)]
+pub(super) struct Nibbles([u8; LANES / 2]);
+
+impl Nibbles {
+    /// Of numbers below 16.
+    pub(super) fn new(numbers: [u8; LANES]) -> Self {
+        let mut nibbles = Self::default();
+        for (lane, number) in numbers.into_iter().enumerate() {
+            assert!(number < 16, "{number} does not fit four bits");
+            let (byte, shift) = Self::place(lane);
+            nibbles.0[byte] |= number << shift;
+        }
+        nibbles
+    }
+
+    /// The number of a lane.
+    #[inline(always)]
+    pub(super) fn get(&self, lane: usize) -> u8 {
+        let (byte, shift) = Self::place(lane);
+        self.0[byte] >> shift & 15
+    }
+
+    /// Its byte, and the bits in it that precede it.
+    #[inline(always)]
+    fn place(lane: usize) -> (usize, usize) {
+        let nibble = LANES / 2 * (lane % 2) + lane / 2;
+        (nibble / 2, nibble % 2 * 4)
+    }
 }
 
 /// Something to be done with lanes. Implementations are `#[inline(always)]`, and so is all that they call: only what is
@@ -130,7 +171,7 @@ impl Isa {
     #[inline]
     pub(super) fn run<B: Body>(self, body: B) -> B::Output {
         match self.0 {
-            Set::Portable => body.run(portable::Portable),
+            Set::Portable => body.run(Portable),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `all` names AVX2 only where the processor has it.
             Set::Avx2 => unsafe { x86::run_avx2(body) },

@@ -1,10 +1,10 @@
 //! The sixteen lanes in plain Rust: what the others must agree with.
 
-use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS};
+use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 /// Needs nothing.
 #[derive(Clone, Copy)]
-pub(super) struct Portable;
+pub(in crate::accel) struct Portable;
 
 type Floats = [f32; LANES];
 type Ints = [i32; LANES];
@@ -66,6 +66,10 @@ impl Lanes for Portable {
     #[inline(always)]
     fn mul(self, a: Floats, b: Floats) -> Floats {
         each(a, b, |a, b| a * b)
+    }
+    #[inline(always)]
+    fn div(self, a: Floats, b: Floats) -> Floats {
+        each(a, b, |a, b| a / b)
     }
     #[inline(always)]
     fn min(self, a: Floats, b: Floats) -> Floats {
@@ -131,6 +135,14 @@ impl Lanes for Portable {
         let mut out = [0; LANES];
         for (i, out) in out.iter_mut().enumerate() {
             *out = ((all >> (i as u32 * width)) as u32 & fields.mask) as i32;
+        }
+        out
+    }
+    #[inline(always)]
+    fn pick(self, numbers: &Nibbles, table: Floats) -> Floats {
+        let mut out = [0.0; LANES];
+        for (lane, out) in out.iter_mut().enumerate() {
+            *out = table[usize::from(numbers.get(lane))];
         }
         out
     }

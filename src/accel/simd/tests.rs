@@ -24,10 +24,12 @@ impl Body for All<'_> {
         let ints = lanes.shift_right::<6>(lanes.add_ints(ints, lanes.ints(-5)));
         let ints = lanes.and_ints(ints, lanes.ints(0x00ff_ff7f));
         let bytes: &[u8; LANES] = self.bytes[..LANES].try_into().expect("sixteen");
+        let nibbles = bytes.map(|byte| byte & 15);
         let floats = [
             lanes.add(a, b),
             lanes.sub(a, b),
             lanes.mul(a, b),
+            lanes.div(a, b),
             lanes.min(a, b),
             lanes.max(a, b),
             lanes.next_in_row(a),
@@ -35,6 +37,7 @@ impl Body for All<'_> {
             lanes.bytes(bytes),
             lanes.to_floats(ints),
             lanes.floats(self.a[3]),
+            lanes.pick(&Nibbles::new(nibbles), a),
             lanes.to_floats(lanes.narrow_fields(
                 self.bytes,
                 self.rows[0],

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES, Lanes, NARROW_FIELDS};
+use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 /// Exists only while code for AVX2 runs.
 #[derive(Clone, Copy)]
@@ -92,6 +92,10 @@ impl Lanes for Avx512 {
         op!(_mm512_mul_ps(a, b))
     }
     #[inline(always)]
+    fn div(self, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_div_ps(a, b))
+    }
+    #[inline(always)]
     fn min(self, a: __m512, b: __m512) -> __m512 {
         op!(_mm512_min_ps(a, b))
     }
@@ -168,6 +172,15 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
+    fn pick(self, numbers: &Nibbles, table: __m512) -> __m512 {
+        op!({
+            let both = _mm512_set1_epi64(i64::from_le_bytes(numbers.0));
+            let shift = _mm512_setr_epi32(0, 0, 4, 4, 8, 8, 12, 12, 16, 16, 20, 20, 24, 24, 28, 28);
+            // Of each number in a lane the lowest four bits count.
+            _mm512_permutexvar_ps(_mm512_srlv_epi32(both, shift), table)
+        })
+    }
+    #[inline(always)]
     fn next_in_row(self, a: __m512) -> __m512 {
         op!({
             let from = _mm512_setr_epi32(1, 2, 3, 4, 5, 6, 7, 7, 9, 10, 11, 12, 13, 14, 15, 15);
@@ -224,6 +237,10 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn mul(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
         op!([_mm256_mul_ps(a[0], b[0]), _mm256_mul_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn div(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_div_ps(a[0], b[0]), _mm256_div_ps(a[1], b[1])])
     }
     #[inline(always)]
     fn min(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
@@ -331,6 +348,26 @@ impl Lanes for Avx2 {
                 ),
             ]
         }
+    }
+    #[inline(always)]
+    fn pick(self, numbers: &Nibbles, [low, high]: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let both = _mm256_set1_epi64x(i64::from_le_bytes(numbers.0));
+            let pick = |shift: __m256i| {
+                let at = _mm256_srlv_epi32(both, shift);
+                // Of each number in a lane the lowest three bits count; the fourth one chooses the half.
+                let upper = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(at));
+                let (a, b) = (
+                    _mm256_permutevar8x32_ps(low, at),
+                    _mm256_permutevar8x32_ps(high, at),
+                );
+                _mm256_blendv_ps(a, b, upper)
+            };
+            [
+                pick(_mm256_setr_epi32(0, 0, 4, 4, 8, 8, 12, 12)),
+                pick(_mm256_setr_epi32(16, 16, 20, 20, 24, 24, 28, 28)),
+            ]
+        })
     }
     #[inline(always)]
     fn next_in_row(self, a: [__m256; 2]) -> [__m256; 2] {

@@ -1,0 +1,424 @@
+//! One ray through the trees: the body that each instruction set gets compiled.
+//!
+//! A tile takes one move of the ray into its coordinates and one test of sixteen slabs: between two planes across u, two
+//! across v, and two along the leaf's plane. All are widened by more than what is rounded on the way, so that a ray which
+//! passes through the surface anywhere passes through a slab. The ray meets a leaf halfway between the planes along it, or
+//! where it enters or leaves the leaf if that is after or before.
+
+use arrayvec::ArrayVec;
+
+use super::Compressed;
+use super::patch::Patch;
+use super::tile::{CUTS, Cuts, MOST_QUADS, Tile, there};
+use crate::accel::boxes::Boxes;
+use crate::accel::lattice::LatticeRay;
+use crate::accel::moment::Moment;
+use crate::accel::simd::{Body, LANES, Lanes, Nibbles};
+use crate::accel::top::{self, Child};
+use crate::math::Ray;
+
+/// Where a ray met a leaf.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Met {
+    pub(super) t: f32,
+    pub(super) patch: u32,
+    /// The tile in the patch, and the leaf in the tile.
+    pub(super) tile: usize,
+    pub(super) leaf: usize,
+}
+
+impl Compressed {
+    /// The nearest leaf, or `ANY` one.
+    #[inline]
+    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
+        if self.keys == 1 {
+            self.isa.run(Trace::<ANY, false> { tree: self, ray })
+        } else {
+            self.isa.run(Trace::<ANY, true> { tree: self, ray })
+        }
+    }
+}
+
+struct Trace<'a, const ANY: bool, const MOVES: bool> {
+    tree: &'a Compressed,
+    ray: &'a Ray,
+}
+
+/// What waits to be visited: each level leaves fifteen of its children behind.
+const MOST_WAITING: usize = 15 * (top::MOST_LEVELS + 1) + 1;
+
+/// An entry of the stack: where the ray enters, above the place; so that integers compare as distances do.
+#[derive(Clone, Copy, PartialEq, PartialOrd)]
+struct Waiting(u64);
+
+/// What waits.
+enum Place {
+    Node(u32),
+    Patch(u32),
+    /// Of the patch at hand.
+    Tile(usize),
+}
+
+impl Waiting {
+    const PATCH: u32 = 1 << 31;
+    const NODE: u32 = 1 << 30;
+
+    #[inline(always)]
+    fn child(near: f32, child: Child) -> Self {
+        let place = match child {
+            Child::Patch(patch) => Self::PATCH | patch,
+            Child::Node(node) => Self::NODE | node,
+        };
+        Self(u64::from(near.to_bits()) << 32 | u64::from(place))
+    }
+    #[inline(always)]
+    fn tile(near: f32, tile: usize) -> Self {
+        Self(u64::from(near.to_bits()) << 32 | tile as u64)
+    }
+    #[inline(always)]
+    fn near(self) -> f32 {
+        f32::from_bits((self.0 >> 32) as u32)
+    }
+    #[inline(always)]
+    fn place(self) -> Place {
+        let place = self.0 as u32;
+        if place & Self::PATCH != 0 {
+            Place::Patch(place & !Self::PATCH)
+        } else if place & Self::NODE != 0 {
+            Place::Node(place & !Self::NODE)
+        } else {
+            Place::Tile(place as usize)
+        }
+    }
+}
+
+/// What is to be visited, the nearest of each node's children on top.
+#[derive(Default)]
+struct Stack(ArrayVec<Waiting, MOST_WAITING>);
+
+impl Stack {
+    /// The nearest of children, which are given by bits; the others are put aside.
+    #[inline(always)]
+    fn add(&mut self, mut children: u32, waiting: impl Fn(usize) -> Waiting) -> Option<Waiting> {
+        if children == 0 {
+            return None;
+        }
+        let mut nearest = waiting(children.trailing_zeros() as usize);
+        children &= children - 1;
+        let bottom = self.0.len();
+        while children != 0 {
+            let child = waiting(children.trailing_zeros() as usize);
+            children &= children - 1;
+            let farther = if child < nearest {
+                std::mem::replace(&mut nearest, child)
+            } else {
+                child
+            };
+            self.0.push(farther);
+            let mut at = self.0.len() - 1;
+            while at > bottom && self.0[at - 1] < farther {
+                self.0[at] = self.0[at - 1];
+                at -= 1;
+            }
+            self.0[at] = farther;
+        }
+        Some(nearest)
+    }
+}
+
+impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
+    type Output = Option<Met>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
+        let Self { tree, ray } = self;
+        let root = tree.top.root()?;
+        let moment = Moment::new(tree.keys, ray.time);
+        let lattice_ray = LatticeRay::new(&tree.lattice, ray, tree.reach);
+        let mut walk = Walk::<MOVES> {
+            tree,
+            number: 0,
+            // Replaced before it is looked at: the root leads to a patch.
+            patch: tree.patches.first()?,
+            moment: &moment,
+            t_min: ray.t_min,
+            t_max: ray.t_max,
+            ray: lattice_ray,
+        };
+        let mut nearest = None;
+        let mut near = [0.0; LANES];
+        let mut stack = Stack::default();
+        let mut next = Some(Waiting::child(0.0, root));
+        while let Some(at) = next {
+            next = match at.place() {
+                Place::Node(node) => {
+                    let hits = walk.children(lanes, node, &mut near);
+                    let node = tree.top.node(node, moment.from);
+                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
+                }
+                Place::Patch(number) => {
+                    walk.number = number;
+                    walk.patch = &tree.patches[number as usize];
+                    // Before all other patches.
+                    if walk.patch.is_single() {
+                        Some(Waiting::tile(at.near(), 0))
+                    } else {
+                        let hits = walk.tiles(lanes, &mut near);
+                        stack.add(hits, |c| Waiting::tile(near[c], c))
+                    }
+                }
+                Place::Tile(tile) => {
+                    if let Some(met) = walk.tile(lanes, tile) {
+                        nearest = Some(met);
+                        if ANY {
+                            return nearest;
+                        }
+                        walk.t_max = met.t;
+                        walk.ray.end(met.t);
+                    }
+                    None
+                }
+            };
+            while next.is_none() {
+                let Some(waiting) = stack.0.pop() else {
+                    return nearest;
+                };
+                if waiting.near() <= walk.ray.t_max {
+                    next = Some(waiting);
+                }
+            }
+        }
+        nearest
+    }
+}
+
+struct Walk<'a, const MOVES: bool> {
+    tree: &'a Compressed,
+    /// The patch at hand.
+    number: u32,
+    patch: &'a Patch,
+    moment: &'a Moment,
+    /// What is asked about, of the ray as it was given.
+    t_min: f32,
+    t_max: f32,
+    /// On the lattice; it ends at the nearest hit so far, too.
+    ray: LatticeRay,
+}
+
+/// What u, v and h are in a tile, about.
+const REACHES: [f32; 3] = [16.0, 16.0, 512.0];
+
+/// Smaller steps of u, v or h along a ray are taken for this: over the longest way through a lattice it does not matter.
+const LEAST: f32 = 1.0 / (1_u64 << 44) as f32;
+
+impl<const MOVES: bool> Walk<'_, MOVES> {
+    /// The children of a node over patches that the ray meets, as bits, and where it enters each.
+    #[inline(always)]
+    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
+        let at = |key| self.tree.top.node(number, key);
+        let node = at(self.moment.from);
+        let boxes = [node, at(self.moment.to)].map(|node| &node.boxes);
+        self.met(lanes, boxes, entries) & ((1 << node.children()) - 1)
+    }
+
+    /// The same for the tiles of the patch.
+    #[inline(always)]
+    fn tiles<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
+        let root = self.patch.root as usize;
+        let at = |key: usize| &self.tree.fans[root + key].boxes;
+        let boxes = [at(self.moment.from), at(self.moment.to)];
+        self.met(lanes, boxes, entries) & self.patch.there()
+    }
+
+    #[inline(always)]
+    fn met<L: Lanes>(&self, lanes: L, [from, to]: [&Boxes; 2], entries: &mut [f32; LANES]) -> u32 {
+        if MOVES {
+            from.met_on_the_way(to, self.moment, lanes, &self.ray, entries)
+        } else {
+            from.met(lanes, &self.ray, entries)
+        }
+    }
+
+    /// The nearest leaf of a tile.
+    #[inline(always)]
+    fn tile<L: Lanes>(&self, lanes: L, number: usize) -> Option<Met> {
+        let at = |key| self.tree.tile(self.patch, number, key);
+        let tile = at(self.moment.from);
+        let [nu, nv] = self.patch.quads_of(number).map(|n| n.min(MOST_QUADS));
+        let cuts = [&CUTS[0][nu], &CUTS[1][nv]];
+        let mut slabs = Slabs::new(lanes, tile, cuts);
+        let mut origin = tile.origin();
+        if MOVES {
+            let later = at(self.moment.to);
+            slabs = slabs.on_the_way(lanes, &Slabs::new(lanes, later, cuts), self.moment);
+            let [a, b] = self.moment.weights;
+            let to = later.origin();
+            origin = [0, 1, 2].map(|k| a * origin[k] + b * to[k]);
+        }
+
+        // The ray in the tile's coordinates, and how far it may be off there. What is rounded by the tests grows with
+        // where it starts and with what it may meet.
+        let off = [0, 1, 2].map(|k| self.ray.origin[k] - origin[k]);
+        let dot = |a: &[f32; 3], b: &[f32; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        let axes = tile.axes();
+        let mut starts = [0.0; 3];
+        let mut slacks = [0.0; 3];
+        let mut steps = [0.0; 3];
+        for k in 0..3 {
+            let axis = &axes[k];
+            starts[k] = dot(axis, &off);
+            steps[k] = dot(axis, &self.ray.direction);
+            let sum = axis[0].abs() + axis[1].abs() + axis[2].abs();
+            slacks[k] =
+                sum * self.ray.slack[3] + 8.0 * f32::EPSILON * (starts[k].abs() + REACHES[k]);
+        }
+
+        // Across u and v.
+        let mut near = lanes.floats(0.0);
+        let mut far = lanes.floats(f32::INFINITY);
+        for k in 0..2 {
+            let step = if steps[k].abs() < LEAST {
+                LEAST.copysign(steps[k])
+            } else {
+                steps[k]
+            };
+            let inverse = 1.0 / step;
+            let wider = slacks[k].copysign(step);
+            let [from, to] = [slabs.sides[0][k], slabs.sides[1][k]];
+            let [first, last] = if step < 0.0 { [to, from] } else { [from, to] };
+            let meets = |side, shift: f32| {
+                let way = lanes.sub(side, lanes.floats(shift));
+                lanes.mul(way, lanes.floats(inverse))
+            };
+            near = lanes.max(near, meets(first, starts[k] + wider));
+            far = lanes.min(far, meets(last, starts[k] - wider));
+        }
+
+        // Along the planes: heights above them, where the ray starts, and how they grow along it.
+        let [a, b, c, d] = slabs.corners;
+        let (ab, cd) = (lanes.add(a, b), lanes.add(c, d));
+        let (ac, bd) = (lanes.add(a, c), lanes.add(b, d));
+        let mean = lanes.mul(lanes.add(ab, cd), lanes.floats(0.25));
+        let slopes = [
+            lanes.mul(lanes.sub(bd, ac), lanes.load(&cuts[0].slope)),
+            lanes.mul(lanes.sub(cd, ab), lanes.load(&cuts[1].slope)),
+        ];
+        let mut above = lanes.sub(lanes.floats(starts[2]), mean);
+        let mut grows = lanes.floats(steps[2]);
+        let mut slack = lanes.floats(slacks[2]);
+        let zero = lanes.floats(0.0);
+        for k in 0..2 {
+            let way = lanes.sub(lanes.floats(starts[k]), lanes.load(&cuts[k].middle));
+            above = lanes.sub(above, lanes.mul(slopes[k], way));
+            grows = lanes.sub(grows, lanes.mul(slopes[k], lanes.floats(steps[k])));
+            let steep = lanes.max(slopes[k], lanes.sub(zero, slopes[k]));
+            slack = lanes.add(slack, lanes.mul(steep, lanes.floats(slacks[k])));
+        }
+        let [below, over] = slabs.depths;
+        let inverse = lanes.div(lanes.floats(1.0), grows);
+        let meets = |height| lanes.mul(lanes.sub(height, above), inverse);
+        let lower = meets(lanes.sub(lanes.sub(zero, below), slack));
+        let upper = meets(lanes.add(over, slack));
+        let middle = meets(lanes.mul(lanes.sub(over, below), lanes.floats(0.5)));
+        // What is not a number, or infinite, decides nothing.
+        near = lanes.max(lanes.min(lower, upper), near);
+        far = lanes.min(lanes.max(lower, upper), far);
+        let met = lanes.min(lanes.max(middle, near), far);
+
+        let t = lanes.mul(met, lanes.floats(self.per_lattice_t()));
+        let mut hits = lanes.less_equal(near, far)
+            & lanes.less(lanes.floats(self.t_min), t)
+            & lanes.less(t, lanes.floats(self.t_max))
+            & there([nu, nv]);
+        if hits == 0 {
+            return None;
+        }
+        let mut ts = [0.0; LANES];
+        lanes.store(t, &mut ts);
+        let mut leaf = hits.trailing_zeros() as usize;
+        hits &= hits - 1;
+        while hits != 0 {
+            let other = hits.trailing_zeros() as usize;
+            hits &= hits - 1;
+            if ts[other] < ts[leaf] {
+                leaf = other;
+            }
+        }
+        Some(Met {
+            t: ts[leaf],
+            patch: self.number,
+            tile: number,
+            leaf,
+        })
+    }
+
+    /// What the ray's own `t` is for a `t` of 1 on the lattice.
+    #[inline(always)]
+    fn per_lattice_t(&self) -> f32 {
+        1.0 / self.ray.per_t
+    }
+}
+
+/// A tile's leaves.
+struct Slabs<L: Lanes> {
+    corners: [L::Floats; 4],
+    /// Below and above.
+    depths: [L::Floats; 2],
+    /// The least u and v, and the most.
+    sides: [[L::Floats; 2]; 2],
+}
+
+impl<L: Lanes> Slabs<L> {
+    #[inline(always)]
+    fn new(lanes: L, tile: &Tile, [u, v]: [&Cuts; 2]) -> Self {
+        let [a, b, c, d] = tile.corners();
+        let depths = tile.depths_by_number(lanes);
+        let [least, most] = tile.sides_by_number(lanes);
+        let side = |quads: &[f32; LANES], numbers: &Nibbles, wider: L::Floats| {
+            lanes.add(lanes.load(quads), lanes.pick(numbers, wider))
+        };
+        Self {
+            corners: [
+                lanes.bytes(&a),
+                lanes.bytes(&b),
+                lanes.bytes(&c),
+                lanes.bytes(&d),
+            ],
+            depths: [
+                lanes.pick(tile.depths(0), depths),
+                lanes.pick(tile.depths(1), depths),
+            ],
+            sides: [
+                [
+                    side(&u.first, tile.sides(0, 0), least),
+                    side(&v.first, tile.sides(0, 1), least),
+                ],
+                [
+                    side(&u.last, tile.sides(1, 0), most),
+                    side(&v.last, tile.sides(1, 1), most),
+                ],
+            ],
+        }
+    }
+
+    #[inline(always)]
+    fn on_the_way(&self, lanes: L, to: &Self, moment: &Moment) -> Self {
+        let two = |a: [L::Floats; 2], b: [L::Floats; 2]| {
+            [
+                moment.between_lanes(lanes, a[0], b[0]),
+                moment.between_lanes(lanes, a[1], b[1]),
+            ]
+        };
+        let [a, b, c, d] = self.corners;
+        let [a2, b2, c2, d2] = to.corners;
+        let ([a, b], [c, d]) = (two([a, b], [a2, b2]), two([c, d], [c2, d2]));
+        Self {
+            corners: [a, b, c, d],
+            depths: two(self.depths, to.depths),
+            sides: [
+                two(self.sides[0], to.sides[0]),
+                two(self.sides[1], to.sides[1]),
+            ],
+        }
+    }
+}
