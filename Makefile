@@ -9,6 +9,7 @@ OUT         := out
 # What `make scenes` writes: large maps from a seed, one cage by five schemes.
 SCHEMES     := catmark loop doo-sabin butterfly sqrt3
 MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
+               scenes/ptex/made/colours.ptx scenes/ptex/made/heights.ptx \
                $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
 .PHONY: demo test bench plugin scenes fuzz leaks long-bounds deps build lint clean
@@ -43,6 +44,9 @@ scenes/relief/made/relief.exr: $(wildcard examples/make_scenes/*.rs)
 scenes/creature/made/scales.exr: $(wildcard examples/make_scenes/*.rs)
 	$(MAKE_SCENES) scales $@
 
+scenes/ptex/made/%.ptx: scenes/ptex/ptex.usda $(wildcard examples/make_scenes/*.rs)
+	$(MAKE_SCENES) gourd $< $* $@
+
 # √3 makes three faces of one and not four: it takes two levels more.
 scenes/schemes/made/%.usda: scenes/schemes/cage.obj src/cli/subdivide.rs $(wildcard src/subdiv/schemes/*.rs)
 	@mkdir -p $(@D)
@@ -69,7 +73,7 @@ bench: build scenes
 SECONDS_EACH ?= 300
 fuzz: deps
 	cargo fuzz --version >/dev/null 2>&1 || cargo install cargo-fuzz --locked
-	cd fuzz && for target in obj ptex scene; do mkdir -p corpus/$$target seeds/$$target && \
+	cd fuzz && for target in obj ptex ptex_filter scene; do mkdir -p corpus/$$target seeds/$$target && \
 	  cargo +nightly fuzz run $$target corpus/$$target seeds/$$target -- -max_total_time=$(SECONDS_EACH) \
 	  -rss_limit_mb=4096 -timeout=20 -detect_leaks=0 || exit 1; done
 

@@ -1,8 +1,11 @@
-//! Makes what the scenes need and the repository does not hold: maps from a seed, and the creature's cage.
+//! Makes what the scenes need and the repository does not hold: maps from a seed, the creature's cage, the gourd's
+//! Ptex files.
 //!
-//! `make scenes` runs it: `make_scenes relief OUT.exr`, `make_scenes scales OUT.exr`, `make_scenes tortoise OUT.usda`.
+//! `make scenes` runs it: `make_scenes relief OUT.exr`, `make_scenes scales OUT.exr`, `make_scenes tortoise OUT.usda`,
+//! `make_scenes gourd SCENE.usda colours|heights OUT.ptx`.
 //! The same arguments give the same bytes.
 
+mod gourd;
 mod maps;
 mod noise;
 mod tortoise;
@@ -22,10 +25,11 @@ fn main() -> ExitCode {
     let result = match words[..] {
         ["relief", path] => write_map(path, 4096, &maps::Relief::new(SEED)),
         ["scales", path] => write_map(path, 1024, &maps::Scales::new(SEED)),
+        ["gourd", scene, what @ ("colours" | "heights"), path] => gourd::write(scene, what, path),
         ["tortoise", path] => write_text(path, &tortoise::usda()),
         _ => {
-            let usage =
-                "usage: make_scenes relief|scales OUT.exr, or make_scenes tortoise OUT.usda";
+            let usage = "usage: make_scenes relief|scales OUT.exr, make_scenes tortoise OUT.usda, \
+                         or make_scenes gourd SCENE.usda colours|heights OUT.ptx";
             return fail(usage, 2);
         }
     };

@@ -55,7 +55,7 @@ impl Extent {
 impl Lattice {
     /// The nearest point of the lattice; none if it is beyond [`REACH`].
     pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
-        let at = ((p.as_dvec3() - self.anchor.as_dvec3()) / f64::from(self.step)).round();
+        let at = self.on_lattice(p).round();
         (at.abs().max_element() < f64::from(REACH)).then_some([
             at.x as i32,
             at.y as i32,
@@ -66,7 +66,19 @@ impl Lattice {
     /// Where a point of the lattice is in the object's space.
     pub(super) fn position(&self, p: [i32; 3]) -> DVec3 {
         let [x, y, z] = p.map(f64::from);
-        self.anchor.as_dvec3() + f64::from(self.step) * DVec3::new(x, y, z)
+        self.anchor.as_dvec3() + self.step() * DVec3::new(x, y, z)
+    }
+
+    /// Where a point of the object's space is on the lattice.
+    #[inline]
+    pub(super) fn on_lattice(&self, p: Vec3) -> DVec3 {
+        (p.as_dvec3() - self.anchor.as_dvec3()) / self.step()
+    }
+
+    /// A step in the object's space.
+    #[inline]
+    pub(super) fn step(&self) -> f64 {
+        f64::from(self.step)
     }
 
     /// The box in the object's space, larger by two steps and some roundings: a ray that comes from a hundred
@@ -75,7 +87,7 @@ impl Lattice {
         if extent.is_empty() {
             return Bounds3::EMPTY;
         }
-        let slack = |p: DVec3| 2.0 * f64::from(self.step) + f64::from(f32::EPSILON) * p.abs();
+        let slack = |p: DVec3| 2.0 * self.step() + f64::from(f32::EPSILON) * p.abs();
         let (min, max) = (self.position(extent.min), self.position(extent.max));
         Bounds3 {
             min: (min - slack(min)).as_vec3(),
@@ -143,7 +155,7 @@ impl LatticeRay {
             origin: [ox, oy, oz, 0.0],
             k: [kx, ky, kz],
             // The third one gives the ray's own t.
-            s: [d[kx] / d[kz], d[ky] / d[kz], t_scale / d[kz]],
+            s: [d[kx], d[ky], t_scale].map(|x| x * inverse[kz]),
             slack: [ix, iy, iz, 1.0].map(|inverse| slack.copysign(inverse)),
             inverse: [ix, iy, iz, 1.0],
             t_min: ray.t_min * per_t * (1.0 - 4.0 * f32::EPSILON),

@@ -67,6 +67,7 @@ impl Build {
                 max_error: self.staging.max_error.unwrap_or_default(),
                 clay: None,
                 missing_textures: self.staging.missing_textures(),
+                ptex_filter: None,
                 default_dome: 1.0,
             },
             built: None,

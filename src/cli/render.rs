@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 use relievo::error::Fault;
+use relievo::image::PtexFilter;
 use relievo::integrate::PathOptions;
 use relievo::render::{AOVS, Aov, Output, PixelType, RenderOptions, render};
 use relievo::shade::filter::{Filter, FilterKind};
@@ -55,6 +56,10 @@ pub(crate) struct Render {
     /// Chooses the random numbers: another seed, another noise.
     #[arg(long, default_value_t = 0, help_heading = "Quality")]
     seed: u32,
+    /// How Ptex files are looked up, whatever the scene says: consistent, point, bilinear, box, gaussian, bicubic,
+    /// bspline, catmullrom or mitchell. Displacement always is consistently, so that faces meet.
+    #[arg(long, value_name = "FILTER", value_parser = ptex_filter, help_heading = "Quality")]
+    ptex_filter: Option<PtexFilter>,
     /// Leave out depth of field.
     #[arg(long, help_heading = "Quality")]
     no_depth_of_field: bool,
@@ -204,6 +209,7 @@ impl Render {
                 max_error: staging.max_error.unwrap_or_default(),
                 clay: self.clay,
                 missing_textures: staging.missing_textures(),
+                ptex_filter: self.ptex_filter,
                 default_dome: 1.0,
             },
             built,
@@ -257,4 +263,11 @@ fn unusable(store: &Store, message: &str) -> Error {
         .in_file(store.path())
         .advise("run `relievo build` again")
         .into()
+}
+
+fn ptex_filter(name: &str) -> std::result::Result<PtexFilter, String> {
+    PtexFilter::named(name).map_err(|fault| {
+        let advice = fault.help.clone().unwrap_or_default();
+        format!("{fault}: {advice}")
+    })
 }

@@ -22,7 +22,7 @@ use super::traced::{Prepared, Traced, prepare, together};
 use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
-use crate::render::camera;
+use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::trace::{Device, DeviceOptions, Scene};
 use crate::world::{AchievedError, Method, objects};
@@ -196,10 +196,12 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     let options = &options.compare;
     let mut warnings = Warnings::default();
     let all = objects(description, &mut warnings)?;
-    let side = (options.rays.max(1) as f64).sqrt().ceil() as u32;
-    let view = camera(description, [side, side])?;
+    let view = camera(
+        description,
+        picture_of(options.rays, picture_size(description)),
+    )?;
     let prepared = prepare(all, (options.fineness, options.max_error), &|| {
-        camera(description, [960, 540])
+        camera(description, picture_size(description))
     })?;
     let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
 
@@ -309,6 +311,12 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
         rows,
         warnings,
     })
+}
+
+/// The size of a picture of so many pixels, about, as wide for its height as another one.
+fn picture_of(pixels: u64, [width, height]: [u32; 2]) -> [u32; 2] {
+    let scale = (pixels.max(1) as f64 / (f64::from(width) * f64::from(height))).sqrt();
+    [width, height].map(|side| (scale * f64::from(side)).ceil() as u32)
 }
 
 /// Builds all surfaces and their scene, and measures bytes and seconds.

@@ -7,8 +7,8 @@ use crate::error::Result;
 use crate::math::{Affine3A, Ray, Vec2, Vec3};
 use crate::shade::camera::Camera;
 use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
-use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv, sub_face_of};
-use crate::world::{AchievedError, HitPlaces, How, MaxError, Method, Object};
+use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv};
+use crate::world::{AchievedError, HitPlaces, How, MaxError, Method, Object, of_embree};
 
 /// An object of the scene at the fineness asked for.
 pub(super) struct Prepared {
@@ -123,14 +123,7 @@ impl Traced {
     pub(super) fn place(&self, hit: &SceneHit) -> (u32, Vec2) {
         match &self.numbering {
             Numbering::Ours(places) => places.face_uv(hit),
-            Numbering::Embrees(base) => {
-                if base.is_quad(hit.primitive) {
-                    base.of_cage(hit.primitive, None, hit.uv)
-                } else {
-                    let (corner, uv) = sub_face_of(hit.uv);
-                    base.of_cage(hit.primitive, Some(corner), uv)
-                }
-            }
+            Numbering::Embrees(base) => of_embree(base, hit.primitive, hit.uv),
         }
     }
 

@@ -17,7 +17,7 @@ use super::random::Random;
 use super::traced::{Prepared, Traced, prepare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Ray, Vec3};
-use crate::render::camera;
+use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions};
@@ -107,7 +107,7 @@ impl Found {
 pub fn verify(description: &Description, options: &CompareOptions) -> Result<Verified> {
     let mut warnings = Warnings::default();
     let objects = objects(description, &mut warnings)?;
-    let view = || camera(description, [960, 540]);
+    let view = || camera(description, picture_size(description));
     let prepared = prepare(objects, (options.fineness, options.max_error), &view)?;
     let mut found: Vec<(Method, &'static str, Found)> = Vec::new();
     for prepared in &prepared {

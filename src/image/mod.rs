@@ -1,11 +1,13 @@
 //! Images in and out, through OpenImageIO. Knows no mesh and no scene.
 //!
 //! [`Texture`] reads, [`write_exr`] and [`write_png`] write; `border` alone talks to the library.
+//! [`PtexTexture`] reads Ptex files, which are looked up by face.
 
 mod border;
 mod exr;
 mod picture;
 mod png;
+mod ptex;
 #[cfg(test)]
 mod ptex_tests;
 mod source;
@@ -18,6 +20,7 @@ pub use border::version;
 pub use exr::write_exr;
 pub use picture::{Attribute, Channel, ChannelFormat, Compression, Part, Picture};
 pub use png::write_png;
+pub use ptex::{PtexFilter, PtexHeights, PtexOptions, PtexTexture};
 pub use source::{ColorSpace, ImageSource, Wrap};
 pub use temporary::{check_destination, write_whole};
 pub use texture::Texture;

@@ -2,6 +2,7 @@
 
 mod nurbs;
 mod polyline;
+mod ptex;
 mod tags;
 mod topology;
 mod triangulate;
@@ -14,6 +15,7 @@ pub use tags::{
 };
 
 pub use polyline::Polyline;
+pub use ptex::{PtexFace, ptex_face_count, ptex_faces, ptex_kind};
 pub use topology::Topology;
 pub use triangulate::{Triangles, triangulate};
 

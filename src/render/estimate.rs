@@ -31,10 +31,7 @@ pub struct Estimate {
 /// # Errors
 /// Where there is nothing to see, or the scene's settings name a camera that does not exist.
 pub fn estimate(description: &Description) -> Result<Estimate> {
-    let resolution = description
-        .settings
-        .resolution
-        .unwrap_or(DEFAULT_RESOLUTION);
+    let resolution = picture_size(description);
     let camera = camera(description, resolution)?;
     let micro_triangles = micro_triangles(description, &camera, &Dicing::default());
     let meshes = description
@@ -48,6 +45,14 @@ pub fn estimate(description: &Description) -> Result<Estimate> {
         control_meshes: meshes.sum(),
         film: Film::bytes(resolution) as u64,
     })
+}
+
+/// Columns and rows of pixels that the scene asks for, or the usual ones.
+pub fn picture_size(description: &Description) -> [u32; 2] {
+    description
+        .settings
+        .resolution
+        .unwrap_or(DEFAULT_RESOLUTION)
 }
 
 /// The camera that the scene names first, or one that shows all of it.

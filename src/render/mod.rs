@@ -7,7 +7,7 @@ mod output;
 mod progress;
 
 pub use build::{Recorded, build};
-pub use estimate::{Estimate, camera, estimate};
+pub use estimate::{Estimate, camera, estimate, picture_size};
 pub use output::{AOVS, Aov, Output, PixelType};
 pub use progress::{Progress, ProgressStyle};
 
@@ -160,6 +160,8 @@ pub fn render(
             "a callback failed while rays were traced: {message}"
         )));
     }
+
+    world.check_textures()?;
 
     // Write.
     stats.resolution = size;
@@ -381,8 +383,7 @@ fn counts(description: &Description) -> SceneCounts {
 fn resolution(description: &Description, options: &RenderOptions) -> Result<[u32; 2]> {
     let asked = options
         .resolution
-        .or(description.settings.resolution)
-        .unwrap_or(DEFAULT_RESOLUTION);
+        .unwrap_or_else(|| picture_size(description));
     let scaled = asked.map(|n| {
         if n == 0 {
             0

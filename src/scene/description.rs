@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::error::{Fault, Warnings};
-pub use crate::image::{ColorSpace, ImageSource, Wrap};
+pub use crate::image::{ColorSpace, ImageSource, PtexFilter, PtexOptions, Wrap};
 use crate::math::{Bounds3, DAffine3, Vec2, Vec3, Vec4};
 use crate::mesh::{ControlMesh, NurbsPatch, Primvar};
 
@@ -102,6 +102,8 @@ pub struct Description {
     pub materials: Vec<Material>,
     /// Textures; materials and lights name them by number.
     pub textures: Vec<TextureSource>,
+    /// Ptex files; materials name them by number.
+    pub ptex: Vec<PtexSource>,
     /// What UsdRender says, if anything.
     pub settings: RenderSettings,
     /// What was noticed and not honoured.
@@ -384,6 +386,34 @@ pub struct PreviewSurface {
     pub occlusion: Input<f32>,
 }
 
+impl PreviewSurface {
+    /// The Ptex files that its inputs read.
+    pub fn ptex_maps(&self) -> Vec<&PtexMap> {
+        fn of<T>(input: &Input<T>) -> Option<&PtexMap> {
+            match input {
+                Input::Ptex(map) => Some(map),
+                _ => None,
+            }
+        }
+        let colors = [
+            &self.diffuse_color,
+            &self.emissive_color,
+            &self.specular_color,
+        ];
+        let numbers = [
+            &self.metallic,
+            &self.roughness,
+            &self.clearcoat,
+            &self.clearcoat_roughness,
+            &self.opacity,
+            &self.ior,
+            &self.displacement,
+        ];
+        let colors = colors.into_iter().filter_map(of);
+        colors.chain(numbers.into_iter().filter_map(of)).collect()
+    }
+}
+
 impl Default for PreviewSurface {
     fn default() -> Self {
         Self {
@@ -412,6 +442,8 @@ pub enum Input<T> {
     Value(T),
     /// A texture.
     Texture(TextureMap),
+    /// A texture by faces.
+    Ptex(PtexMap),
     /// A primvar of the mesh, and the value where the mesh has none.
     Primvar {
         /// Its name.
@@ -437,6 +469,21 @@ pub struct TextureMap {
     /// Added to the four channels after scaling.
     pub bias: Vec4,
     /// The four channels where the texture is missing, or where the surface has no such primvar.
+    pub fallback: Vec4,
+}
+
+/// What an input takes of a Ptex file: texel x `scale` + `bias`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PtexMap {
+    /// Index into [`Description::ptex`].
+    pub file: usize,
+    /// Which channels the output takes.
+    pub channels: Channels,
+    /// Multiplies the four channels.
+    pub scale: Vec4,
+    /// Added to the four channels after scaling.
+    pub bias: Vec4,
+    /// The four channels where the file is missing.
     pub fallback: Vec4,
 }
 
@@ -489,6 +536,17 @@ pub struct TextureSource {
     pub wrap_t: Wrap,
     /// How its numbers are meant.
     pub color_space: ColorSpace,
+}
+
+/// A Ptex file to be read, and how.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PtexSource {
+    /// Where it is.
+    pub image: ImageSource,
+    /// The prim that asks for it first, for messages.
+    pub prim: String,
+    /// How it is looked up.
+    pub options: PtexOptions,
 }
 
 /// UsdRender's settings and first raster product; what is not authored is `None`.

@@ -2,10 +2,8 @@
 //!
 //! `occlusion` is not resolved: it stands for light that a path tracer finds blocked by itself.
 
-use std::sync::Arc;
-
 use super::bsdf::SurfaceParams;
-use super::texture_map::{Lookup, Output, Placed, Primvars, Read, number};
+use super::texture_map::{Lookups, Output, Placed, Primvars, Read, number};
 use crate::math::Vec3;
 use crate::scene::{self, Input, PreviewSurface, TextureMap};
 
@@ -69,15 +67,15 @@ enum Source {
 }
 
 impl Material {
-    /// Prepares a material of a scene; `textures` are the scene's, in its order. An input whose texture is
-    /// not among them takes the map's fallback.
-    pub fn new(material: &scene::Material, textures: &[Arc<dyn Lookup>]) -> Self {
-        Self::prepared(&material.surface, textures, false)
+    /// Prepares a material of a scene, which `lookups` are of. An input whose texture is not among them takes the map's
+    /// fallback.
+    pub fn new(material: &scene::Material, lookups: &Lookups) -> Self {
+        Self::prepared(&material.surface, lookups, false)
     }
 
     /// A diffuse surface of one colour; with the displacement of another material, to show its shape alone.
     pub fn clay(albedo: Vec3, displacement_of: Option<&Self>) -> Self {
-        let mut clay = Self::prepared(&diffuse(Input::Value(albedo)), &[], true);
+        let mut clay = Self::prepared(&diffuse(Input::Value(albedo)), &Lookups::default(), true);
         if let Some(other) = displacement_of {
             clay.reads.clone_from(&other.reads);
             clay.inputs.displacement = match &other.inputs.displacement {
@@ -104,12 +102,12 @@ impl Material {
                 fallback: Vec3::splat(0.18),
             })
         };
-        Self::prepared(&surface, &[], true)
+        Self::prepared(&surface, &Lookups::default(), true)
     }
 
-    fn prepared(surface: &PreviewSurface, textures: &[Arc<dyn Lookup>], lambert: bool) -> Self {
+    fn prepared(surface: &PreviewSurface, lookups: &Lookups, lambert: bool) -> Self {
         let mut sources = Sources {
-            textures,
+            lookups,
             texels: Vec::new(),
             reads: Vec::new(),
         };
@@ -126,7 +124,7 @@ impl Material {
             clearcoat_roughness: sources.number(&surface.clearcoat_roughness),
             opacity: sources.number(&surface.opacity),
             ior: sources.number(&surface.ior),
-            displacement: sources.number(&surface.displacement),
+            displacement: sources.height(&surface.displacement),
             normal: surface.normal.as_ref().map(|map| sources.texel(map)),
         };
         let mut material = Self {
@@ -293,10 +291,7 @@ impl Material {
     fn read(&self, source: &Source) -> Option<usize> {
         match source {
             Source::Value(_) => None,
-            Source::Texel(number, _) => {
-                let placed = &self.texels[*number];
-                placed.image.is_some().then_some(placed.read)
-            }
+            Source::Texel(number, _) => self.texels[*number].read(),
             Source::Primvar { read, .. } => Some(*read),
         }
     }
@@ -371,7 +366,7 @@ fn diffuse(diffuse_color: Input<Vec3>) -> PreviewSurface {
 
 /// Gathers what the inputs of a material look at.
 struct Sources<'a> {
-    textures: &'a [Arc<dyn Lookup>],
+    lookups: &'a Lookups,
     texels: Vec<Placed>,
     reads: Vec<Read>,
 }
@@ -385,6 +380,16 @@ impl Sources<'_> {
         self.source(input, 1, Vec3::splat)
     }
 
+    fn height(&mut self, input: &Input<f32>) -> Source {
+        match input {
+            Input::Ptex(map) => {
+                let placed = Placed::ptex(map, self.lookups, true);
+                self.placed(placed, Output::ptex(map))
+            }
+            _ => self.number(input),
+        }
+    }
+
     fn source<T: Copy>(
         &mut self,
         input: &Input<T>,
@@ -394,6 +399,10 @@ impl Sources<'_> {
         match input {
             Input::Value(value) => Source::Value(splat(*value)),
             Input::Texture(map) => self.texel(map),
+            Input::Ptex(map) => {
+                let placed = Placed::ptex(map, self.lookups, false);
+                self.placed(placed, Output::ptex(map))
+            }
             Input::Primvar { name, fallback } => Source::Primvar {
                 read: number(&mut self.reads, name, components),
                 components,
@@ -403,13 +412,17 @@ impl Sources<'_> {
     }
 
     fn texel(&mut self, map: &TextureMap) -> Source {
-        let placed = Placed::new(map, self.textures, &mut self.reads);
+        let placed = Placed::image(map, self.lookups, &mut self.reads);
+        self.placed(placed, Output::image(map))
+    }
+
+    fn placed(&mut self, placed: Placed, output: Output) -> Source {
         let same = self.texels.iter().position(|other| other.is_like(&placed));
         let number = same.unwrap_or_else(|| {
             self.texels.push(placed);
             self.texels.len() - 1
         });
-        Source::Texel(number, Output::new(map))
+        Source::Texel(number, output)
     }
 }
 

@@ -1,8 +1,11 @@
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use std::sync::Arc;
+
 use super::*;
 use crate::math::{Vec2, Vec4};
 use crate::scene::{Channels, Transform2d};
+use crate::shade::texture_map::Lookup;
 
 /// Red is s, green is t; counts how often it is asked.
 #[derive(Default)]
@@ -55,7 +58,11 @@ fn map(channels: Channels) -> TextureMap {
 
 fn material(surface: PreviewSurface, textures: &[Arc<dyn Lookup>]) -> Material {
     let path = "/Material".into();
-    Material::new(&scene::Material { path, surface }, textures)
+    let lookups = Lookups {
+        images: textures.to_vec(),
+        ..Lookups::default()
+    };
+    Material::new(&scene::Material { path, surface }, &lookups)
 }
 
 #[test]

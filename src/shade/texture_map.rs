@@ -1,4 +1,4 @@
-//! UsdUVTexture: where a texture lies on a surface and which of its numbers count.
+//! UsdUVTexture and its twin for Ptex: where a texture lies on a surface and which of its numbers count.
 
 use std::f32::consts::PI;
 use std::sync::Arc;
@@ -10,6 +10,23 @@ use crate::scene::{self, Channels, Transform2d};
 pub trait Lookup: Send + Sync {
     /// The four channels, linear; t = 0 is the bottom row.
     fn eval(&self, st: Vec2) -> Vec4;
+}
+
+/// Something that has a colour at every point of every face.
+pub trait FaceLookup: Send + Sync {
+    /// The four channels, linear, at a point of a Ptex face.
+    fn eval(&self, face: u32, uv: Vec2) -> Vec4;
+}
+
+/// What a scene's materials look things up in.
+#[derive(Clone, Default)]
+pub struct Lookups {
+    /// The scene's textures, in its order.
+    pub images: Vec<Arc<dyn Lookup>>,
+    /// The scene's Ptex files, in its order.
+    pub ptex: Vec<Arc<dyn FaceLookup>>,
+    /// The same, as displacement reads them: consistently, and not decoded.
+    pub heights: Vec<Arc<dyn FaceLookup>>,
 }
 
 /// A primvar that a material reads.
@@ -27,6 +44,11 @@ pub trait Primvars {
     /// [`reads`](super::material::Material::reads). False, with `out` as it was, if there is none of that name or if
     /// it has fewer components.
     fn get(&self, read: usize, out: &mut [f32]) -> bool;
+
+    /// The Ptex face, and the point on it; none if the surface has no such faces.
+    fn ptex(&self) -> Option<(u32, Vec2)> {
+        None
+    }
 }
 
 /// The number of a primvar among the reads, which it joins if it is new.
@@ -72,45 +94,110 @@ impl StTransform {
     }
 }
 
-/// An image on a surface: what several [`Output`]s may share.
+/// A texture on a surface: what several [`Output`]s may share.
 #[derive(Clone)]
-pub(super) struct Placed {
-    /// Missing: outputs take their fallback.
-    pub(super) image: Option<Arc<dyn Lookup>>,
-    /// Of the texture coordinates, among the material's reads.
-    pub(super) read: usize,
-    pub(super) transform: StTransform,
-    texture: usize,
+pub(super) enum Placed {
+    /// By texture coordinates.
+    Image {
+        /// Missing: outputs take their fallback.
+        image: Option<Arc<dyn Lookup>>,
+        /// Of the texture coordinates, among the material's reads.
+        read: usize,
+        transform: StTransform,
+        texture: usize,
+    },
+    /// By face.
+    Ptex {
+        /// Missing: outputs take their fallback.
+        lookup: Option<Arc<dyn FaceLookup>>,
+        file: usize,
+        is_height: bool,
+    },
 }
 
 impl Placed {
-    pub(super) fn new(
-        map: &scene::TextureMap,
-        textures: &[Arc<dyn Lookup>],
-        reads: &mut Vec<Read>,
-    ) -> Self {
-        Self {
-            image: textures.get(map.texture).cloned(),
+    pub(super) fn image(map: &scene::TextureMap, lookups: &Lookups, reads: &mut Vec<Read>) -> Self {
+        Self::Image {
+            image: lookups.images.get(map.texture).cloned(),
             read: number(reads, &map.primvar, 2),
             transform: StTransform::new(&map.transform),
             texture: map.texture,
         }
     }
 
-    /// Whether it gives the same texels everywhere.
-    pub(super) fn is_like(&self, other: &Self) -> bool {
-        self.texture == other.texture
-            && self.read == other.read
-            && self.transform == other.transform
+    /// `is_height` says that it moves the surface.
+    pub(super) fn ptex(map: &scene::PtexMap, lookups: &Lookups, is_height: bool) -> Self {
+        let lookups = if is_height {
+            &lookups.heights
+        } else {
+            &lookups.ptex
+        };
+        Self::Ptex {
+            lookup: lookups.get(map.file).cloned(),
+            file: map.file,
+            is_height,
+        }
     }
 
-    /// The texel; `None` without image or texture coordinates.
+    /// Whether it gives the same texels everywhere.
+    pub(super) fn is_like(&self, other: &Self) -> bool {
+        match (self, other) {
+            (
+                Self::Image {
+                    read,
+                    transform,
+                    texture,
+                    ..
+                },
+                Self::Image {
+                    read: other_read,
+                    transform: other_transform,
+                    texture: other_texture,
+                    ..
+                },
+            ) => (read, transform, texture) == (other_read, other_transform, other_texture),
+            (
+                Self::Ptex {
+                    file, is_height, ..
+                },
+                Self::Ptex {
+                    file: other_file,
+                    is_height: other_is_height,
+                    ..
+                },
+            ) => (file, is_height) == (other_file, other_is_height),
+            _ => false,
+        }
+    }
+
+    /// What it reads, if it has an image.
+    pub(super) fn read(&self) -> Option<usize> {
+        match self {
+            Self::Image { image, read, .. } => image.is_some().then_some(*read),
+            Self::Ptex { .. } => None,
+        }
+    }
+
+    /// The texel; `None` without image or texture coordinates, or without faces.
     pub(super) fn eval(&self, primvars: &dyn Primvars) -> Option<Vec4> {
-        let image = self.image.as_deref()?;
-        let mut st = [0.0; 2];
-        primvars
-            .get(self.read, &mut st)
-            .then(|| image.eval(self.transform.apply(st.into())))
+        match self {
+            Self::Image {
+                image,
+                read,
+                transform,
+                ..
+            } => {
+                let image = image.as_deref()?;
+                let mut st = [0.0; 2];
+                primvars
+                    .get(*read, &mut st)
+                    .then(|| image.eval(transform.apply(st.into())))
+            }
+            Self::Ptex { lookup, .. } => {
+                let (face, uv) = primvars.ptex()?;
+                Some(lookup.as_deref()?.eval(face, uv))
+            }
+        }
     }
 }
 
@@ -124,7 +211,16 @@ pub(super) struct Output {
 }
 
 impl Output {
-    pub(super) fn new(map: &scene::TextureMap) -> Self {
+    pub(super) fn image(map: &scene::TextureMap) -> Self {
+        Self {
+            channels: map.channels,
+            scale: map.scale,
+            bias: map.bias,
+            fallback: map.fallback,
+        }
+    }
+
+    pub(super) fn ptex(map: &scene::PtexMap) -> Self {
         Self {
             channels: map.channels,
             scale: map.scale,

@@ -132,6 +132,11 @@ pub trait Carrier: Base {
     /// The file's face that a face is a part of.
     fn parent(&self, face: u32) -> u32;
 
+    /// The Ptex face that a point of a face is on, and the parameters there; none if there are no such faces.
+    fn ptex(&self, _face: u32, _uv: Vec2) -> Option<(u32, Vec2)> {
+        None
+    }
+
     /// The slot of the primvar of this name, if the surface carries one of at least `width` components.
     fn slot(&self, name: &str, width: usize) -> Option<usize>;
 

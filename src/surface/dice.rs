@@ -77,7 +77,17 @@ impl FaceGrid {
     }
 
     /// The face's parameters of the vertex in column `i` of row `j`, where it was snapped to.
+    #[inline]
     pub fn vertex_uv(&self, i: u16, j: u16) -> Vec2 {
+        let [nu, nv] = self.size;
+        if (1..nu).contains(&i) && (1..nv).contains(&j) {
+            Vec2::new(f32::from(i) / f32::from(nu), f32::from(j) / f32::from(nv))
+        } else {
+            self.border_uv(i, j)
+        }
+    }
+
+    fn border_uv(&self, i: u16, j: u16) -> Vec2 {
         let [nu, nv] = self.size;
         let along = |k: u32, x: u16, n: u16| {
             let segments = self.segments[k as usize];
@@ -87,8 +97,7 @@ impl FaceGrid {
             (i, 0) => along(0, i, nu),
             (i, j) if j == nv => along(2, nu - i, nu),
             (0, j) => along(3, nv - j, nv),
-            (i, j) if i == nu => along(1, j, nv),
-            (i, j) => Vec2::new(f32::from(i) / f32::from(nu), f32::from(j) / f32::from(nv)),
+            (_, j) => along(1, j, nv),
         }
     }
 
@@ -96,16 +105,9 @@ impl FaceGrid {
     /// counterclockwise in the face's parameters.
     pub fn corners(&self, triangle: u64) -> [(u16, u16); 3] {
         let cell = triangle / 2;
-        let (i, j) = (
-            (cell % u64::from(self.size[0])) as u16,
-            (cell / u64::from(self.size[0])) as u16,
-        );
-        let [a, b, c, d] = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
-        if triangle.is_multiple_of(2) {
-            [a, b, c]
-        } else {
-            [d, c, b]
-        }
+        let columns = u64::from(self.size[0]);
+        let (i, j) = ((cell % columns) as u16, (cell / columns) as u16);
+        cell_corners(i, j, triangle % 2 == 1)
     }
 
     /// How many triangles it has.
@@ -290,7 +292,21 @@ impl Grids {
 impl FaceGrid {
     /// The face's parameters of a point of the grid's triangle `triangle`, by its barycentric weights.
     pub fn triangle_uv(&self, triangle: u64, uv: Vec2) -> Vec2 {
-        let [a, b, c] = self.corners(triangle).map(|(i, j)| self.vertex_uv(i, j));
+        self.uv_of(self.corners(triangle), uv)
+    }
+
+    /// The same for the first or the second triangle of the quad in column `i` of row `j`.
+    pub fn cell_uv(&self, (i, j): (u16, u16), second: bool, uv: Vec2) -> Vec2 {
+        self.uv_of(cell_corners(i, j, second), uv)
+    }
+
+    #[inline]
+    fn uv_of(&self, [a, b, c]: [(u16, u16); 3], uv: Vec2) -> Vec2 {
+        let [a, b, c] = [
+            self.vertex_uv(a.0, a.1),
+            self.vertex_uv(b.0, b.1),
+            self.vertex_uv(c.0, c.1),
+        ];
         ((1.0 - uv.x - uv.y) * a + uv.x * b + uv.y * c).clamp(Vec2::ZERO, Vec2::ONE)
     }
 
@@ -328,6 +344,13 @@ impl FaceGrid {
         let (triangle, weights) = self.cell_triangle(uv);
         self.triangle_uv(triangle, weights)
     }
+}
+
+/// The corners of the first or the second triangle of a quad.
+#[inline]
+fn cell_corners(i: u16, j: u16, second: bool) -> [(u16, u16); 3] {
+    let [a, b, c, d] = [(i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1)];
+    if second { [d, c, b] } else { [a, b, c] }
 }
 
 impl Surface {

@@ -407,6 +407,12 @@ impl Carrier for Subdivision {
         }
     }
 
+    fn ptex(&self, face: u32, uv: Vec2) -> Option<(u32, Vec2)> {
+        let part = &self.parts[face as usize];
+        let [u, v] = part.shape.place(uv).uv;
+        Some((part.ptex, Vec2::new(u as f32, v as f32)))
+    }
+
     fn slot(&self, name: &str, width: usize) -> Option<usize> {
         self.primvars.slot(name, width)
     }

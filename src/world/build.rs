@@ -3,26 +3,24 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use rayon::prelude::*;
-
 use super::displacement::Heights;
 use super::geometry::{Displaced, Maker, Wanted};
 use super::method::Method;
 use super::shape::Shape;
 use super::stand::Stand;
 use super::stored::Source;
+use super::textures::Textures;
 use super::worn::{Wardrobe, Wearer};
 use super::{Entry, Placed, World, patch};
 use crate::accel::{Intersector, MaxError};
 use crate::error::{Error, Fault, Result, Warnings};
-use crate::image::Texture;
+use crate::image::{PtexFilter, Texture};
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
 use crate::mesh::ControlMesh;
 use crate::scene::{self, Description};
 use crate::shade::camera::Camera;
 use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
-use crate::shade::texture_map::Lookup;
 use crate::stats::AchievedError;
 use crate::store::{Store, Writer};
 use crate::surface::Dicing;
@@ -41,6 +39,8 @@ pub struct BuildOptions {
     pub clay: Option<f32>,
     /// Textures that cannot be read become this colour instead of an error.
     pub missing_textures: Option<Vec4>,
+    /// How Ptex files are looked up, whatever the scene says; displacement always is consistently.
+    pub ptex_filter: Option<PtexFilter>,
     /// Radiance of the dome that lights a scene without lights.
     pub default_dome: f32,
 }
@@ -127,9 +127,8 @@ impl World {
             options.method.name()
         );
         let mut warnings = Warnings::default();
-        let textures = load_textures(description, options, &mut warnings)?;
-        let texture_bytes = textures.iter().map(|t| t.memory()).sum();
-        let (materials, unbound) = materials(description, &textures, options);
+        let textures = Textures::load(description, options, &mut warnings)?;
+        let (materials, unbound) = textures.materials(description, options);
         let mut wardrobe = Wardrobe::new(materials.clone());
 
         let mut maker = Maker {
@@ -172,6 +171,12 @@ impl World {
                 for key in keys(place) {
                     bounds = bounds.union(shape.geometry.bounds().transformed(&key));
                 }
+            }
+            for material in covering(shape, places, description).flatten() {
+                let material = &description.materials[material];
+                textures
+                    .check_faces(&shape.geometry, material, options)
+                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
             }
             let needs = needed_primvars(shape, places, description, &materials, unbound)
                 .map_err(|fault| name_shape(fault.into(), description, shape))?;
@@ -247,7 +252,7 @@ impl World {
 
         let lights = lights(
             description,
-            &textures,
+            &textures.images,
             camera,
             bounds,
             options,
@@ -279,6 +284,7 @@ impl World {
                 .map(|p| p.expect("every placement names a shape"))
                 .collect(),
             worn: wardrobe.worn,
+            ptex: textures.files().cloned().collect(),
             lights_are_split: (0..description.lights.len().max(1))
                 .any(|i| lights.multipliers(i) != [1.0, 1.0]),
             lights,
@@ -286,9 +292,10 @@ impl World {
             moves: description.shapes.iter().any(|s| s.geometry.keys() > 1)
                 || (description.placements.iter()).any(|p| p.world_from_object.len() > 1),
         };
+        world.check_textures()?;
         Ok(Built {
             world,
-            texture_bytes,
+            texture_bytes: textures.memory(),
             surface_bytes: maker.bytes,
             error: maker.error,
             warnings,
@@ -315,88 +322,6 @@ pub(super) fn name_shape(error: Error, description: &Description, shape: &scene:
         }
         other => other,
     }
-}
-
-pub(super) fn load_textures(
-    description: &Description,
-    options: &BuildOptions,
-    warnings: &mut Warnings,
-) -> Result<Vec<Arc<Texture>>> {
-    // Clay asks only for displacement; the others are not worth their time.
-    let loaded: Vec<_> = description
-        .textures
-        .par_iter()
-        .enumerate()
-        .map(|(i, source)| {
-            if options.clay.is_some() && !serves_clay(description, i) {
-                return Ok(Texture::constant(Vec4::ONE));
-            }
-            Texture::load(
-                &source.image,
-                [source.wrap_s, source.wrap_t],
-                source.color_space,
-            )
-        })
-        .collect();
-    loaded
-        .into_iter()
-        .zip(&description.textures)
-        .map(
-            |(texture, source)| match (texture, options.missing_textures) {
-                (Ok(texture), _) => Ok(Arc::new(texture)),
-                (Err(fault), Some(colour)) => {
-                    warnings.add(format!("missing texture {fault}"), || {
-                        format!("{}: {fault}", source.prim)
-                    });
-                    Ok(Arc::new(Texture::constant(colour)))
-                }
-                (Err(fault), None) => {
-                    let mut fault = fault.at_prim(&source.prim);
-                    let go_on = "render with --missing-textures magenta";
-                    fault.help = Some(match fault.help {
-                        Some(help) => format!("{help}, or {go_on}"),
-                        None => format!("repair the path, or {go_on}"),
-                    });
-                    Err(fault.into())
-                }
-            },
-        )
-        .collect()
-}
-
-fn serves_clay(description: &Description, texture: usize) -> bool {
-    description.lights.iter().any(|l| l.texture.as_ref().is_some_and(|t| t.texture == texture))
-        || description.materials.iter().any(|m| {
-            matches!(&m.surface.displacement, scene::Input::Texture(map) if map.texture == texture)
-        })
-}
-
-/// All materials, and the number of the one for faces without any.
-pub(super) fn materials(
-    description: &Description,
-    textures: &[Arc<Texture>],
-    options: &BuildOptions,
-) -> (Vec<Material>, usize) {
-    let lookups: Vec<_> = textures
-        .iter()
-        .map(|t| t.clone() as Arc<dyn Lookup>)
-        .collect();
-    let mut materials: Vec<Material> = description
-        .materials
-        .iter()
-        .map(|m| {
-            let material = Material::new(m, &lookups);
-            match options.clay {
-                Some(albedo) => Material::clay(Vec3::splat(albedo), Some(&material)),
-                None => material,
-            }
-        })
-        .collect();
-    let unbound = materials.len();
-    materials.push(options.clay.map_or_else(Material::display_color, |albedo| {
-        Material::clay(Vec3::splat(albedo), None)
-    }));
-    (materials, unbound)
 }
 
 /// The materials that may cover a shape, in any of its places.
@@ -549,12 +474,6 @@ fn studio(camera: &Camera) -> [scene::Light; 2] {
 /// Transforms are composed in double precision and used in single.
 pub(super) fn single(m: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(m.matrix3.as_mat3(), m.translation.as_vec3())
-}
-
-impl Lookup for Texture {
-    fn eval(&self, st: crate::math::Vec2) -> Vec4 {
-        Self::eval(self, st)
-    }
 }
 
 impl Radiance for Texture {

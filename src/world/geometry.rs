@@ -202,7 +202,7 @@ impl Maker<'_> {
     fn embree_subdivision(
         &self,
         mesh: &Arc<ControlMesh>,
-        base: &Subdivision,
+        base: &Arc<Subdivision>,
         rates: &Rates,
         wanted: &Wanted<'_>,
     ) -> Result<(Geometry, Surface)> {
@@ -213,11 +213,18 @@ impl Maker<'_> {
         let corners = base.corner_rates(&mesh.topology(), rates);
         let options = SubdivisionOptions {
             rates: trace::Rates::PerCorner(corners.into_iter().map(|n| n as f32).collect()),
-            displacement: (wanted.displaced).map(|d| by_callback(d.material.clone(), &primvars)),
+            displacement: (wanted.displaced)
+                .map(|d| by_callback(d.material.clone(), &primvars, base)),
             primvars: wanted.needs.to_vec(),
         };
         let geometry = Geometry::subdivision(self.device, mesh.clone(), options)?;
-        Ok((geometry, Surface::Subdivision { primvars }))
+        Ok((
+            geometry,
+            Surface::Subdivision {
+                primvars,
+                base: base.clone(),
+            },
+        ))
     }
 
     /// What will not fit is not begun.

@@ -1,7 +1,7 @@
 //! A point of a surface as the path tracer sees it.
 
 use super::World;
-use crate::math::{Frame, Ray, Vec3};
+use crate::math::{Frame, Ray, Vec2, Vec3};
 use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
 use crate::shade::texture_map::Primvars;
 use crate::trace::{Geometry, SceneHit};
@@ -209,5 +209,9 @@ impl Primvars for Lookup<'_> {
             (_, None) => return false,
         }
         true
+    }
+
+    fn ptex(&self) -> Option<(u32, Vec2)> {
+        self.shape.ptex(self.place)
     }
 }

@@ -11,9 +11,11 @@ mod patch;
 mod shape;
 mod stand;
 mod stored;
+mod textures;
 mod worn;
 
 pub use build::{BuildOptions, Built};
+pub use displacement::of_embree;
 pub use estimate::micro_triangles;
 pub use interaction::Interaction;
 pub use method::{HitPlaces, How, Method, TracedSurface};
@@ -23,7 +25,11 @@ pub use crate::accel::MaxError;
 pub use crate::stats::AchievedError;
 pub use crate::surface::Dicing;
 
+use std::sync::Arc;
+
 use crate::accel::Hit;
+use crate::error::Result;
+use crate::image::PtexTexture;
 use crate::math::Ray;
 use crate::shade::light::Lights;
 use crate::trace;
@@ -40,6 +46,8 @@ pub struct World {
     placed: Vec<Placed>,
     /// Materials on shapes: what shapes and placements mean by numbers.
     worn: Vec<Worn>,
+    /// Files that are read while rays are traced.
+    ptex: Vec<Arc<PtexTexture>>,
     /// All lights.
     pub lights: Lights,
     /// Whether any material lets light through.
@@ -135,6 +143,17 @@ impl World {
             }
         }
         0.0
+    }
+
+    /// What was wrong with a texture that is read while rays are traced: the picture is not to be trusted then.
+    ///
+    /// # Errors
+    /// If anything was.
+    pub fn check_textures(&self) -> Result<()> {
+        match self.ptex.iter().find_map(|texture| texture.fault()) {
+            Some(fault) => Err(fault.clone().into()),
+            None => Ok(()),
+        }
     }
 
     /// The message of the first panic in a callback, if there was one: the picture is not to be trusted then.

@@ -2,8 +2,9 @@
 
 use std::sync::Arc;
 
-use super::build::{BuildOptions, displacement_of, load_textures, materials, name_shape, single};
+use super::build::{BuildOptions, displacement_of, name_shape, single};
 use super::displacement::{Heights, by_callback, coordinates};
+use super::textures::Textures;
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Vec3};
 use crate::mesh::ControlMesh;
@@ -44,8 +45,8 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
         clay: Some(0.5),
         ..BuildOptions::default()
     };
-    let textures = load_textures(description, &options, warnings)?;
-    let (materials, _) = materials(description, &textures, &options);
+    let textures = Textures::load(description, &options, warnings)?;
+    let (materials, _) = textures.materials(description, &options);
     let mut heights = Heights::new(&textures);
     let mut objects = Vec::new();
     for (number, shape) in description.shapes.iter().enumerate() {
@@ -64,6 +65,11 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
             .flat_map(Material::displacement_needs)
             .map(str::to_owned)
             .collect();
+        if let Some(m) = number {
+            textures
+                .check_faces(&shape.geometry, &description.materials[m], &options)
+                .map_err(|fault| name_shape(fault.into(), description, shape))?;
+        }
         let height = number.map(|m| &description.materials[m].surface.displacement);
         let names: Vec<&str> = needs.iter().map(String::as_str).collect();
         let st = height.and_then(coordinates);
@@ -121,7 +127,8 @@ impl Object {
         let widths: Vec<_> = cage.needs.iter().map(|n| (n.clone(), width(n))).collect();
         let options = SubdivisionOptions {
             rates: trace::Rates::PerCorner(corners.into_iter().map(|n| n as f32).collect()),
-            displacement: (cage.material.clone()).map(|material| by_callback(material, &widths)),
+            displacement: (cage.material.clone())
+                .map(|material| by_callback(material, &widths, &cage.base)),
             primvars: cage.needs.clone(),
         };
         let geometry = Geometry::subdivision(device, cage.mesh.clone(), options)?;

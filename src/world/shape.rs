@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::displacement::embree_slot;
+use super::displacement::{embree_slot, of_embree};
 use super::method::HitPlaces;
 use crate::math::{Vec2, Vec3};
 use crate::mesh::{ControlMesh, Interpolation, Primvar};
 use crate::shade::texture_map::Read;
-use crate::surface::{self, Carrier};
+use crate::surface::{self, Carrier, Subdivision};
 use crate::trace::{Geometry, SceneHit, SurfacePoint};
 
 pub(super) struct Shape {
@@ -21,6 +21,8 @@ pub(super) enum Surface {
     Subdivision {
         /// Primvars that Embree interpolates, name and width, by slot.
         primvars: Vec<(String, usize)>,
+        /// Our surface of the same cage, to tell Ptex faces.
+        base: Arc<Subdivision>,
     },
     /// A surface of ours.
     Smooth(Smooth),
@@ -128,6 +130,18 @@ impl Shape {
         }
     }
 
+    /// The Ptex face, and the point on it.
+    pub(super) fn ptex(&self, Place { face, uv }: Place) -> Option<(u32, Vec2)> {
+        match &self.surface {
+            Surface::Smooth(Smooth { carrier, .. }) => carrier.ptex(face, uv),
+            Surface::Subdivision { base, .. } => {
+                let (face, uv) = of_embree(base, face, uv);
+                base.ptex(face, uv)
+            }
+            Surface::Polygons(_) => None,
+        }
+    }
+
     /// Directions in which the texture coordinates that a slot holds grow, object space.
     pub(super) fn tangents(
         &self,
@@ -180,7 +194,7 @@ impl Surface {
     /// The slot of a primvar with the components that are read.
     pub(super) fn slot(&self, read: &Read) -> Option<usize> {
         match self {
-            Self::Subdivision { primvars } => embree_slot(primvars, read),
+            Self::Subdivision { primvars, .. } => embree_slot(primvars, read),
             Self::Smooth(Smooth { carrier, .. }) => carrier.slot(&read.name, read.width),
             Self::Polygons(Polygons { mesh, .. }) => {
                 let fits = |p: &Primvar| p.name == read.name && p.width as usize >= read.width;

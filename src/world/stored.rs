@@ -39,7 +39,7 @@ pub(super) fn digest(
     let read = match height {
         Some(Input::Texture(map)) => Some(map.primvar.as_str()),
         Some(Input::Primvar { name, .. }) => Some(name.as_str()),
-        Some(Input::Value(_)) | None => None,
+        Some(Input::Value(_) | Input::Ptex(_)) | None => None,
     };
     let read = |primvar: &&Primvar| read == Some(&primvar.name);
     match cage {
@@ -64,6 +64,9 @@ pub(super) fn digest(
         // Only a number among the scene's other images.
         map.texture = 0;
     }
+    if let Some(Input::Ptex(map)) = &mut height {
+        map.file = 0;
+    }
     digest.text(&format!("{height:?}"));
     for place in places.world_from_object() {
         digest.numbers(&place.to_cols_array());
@@ -74,6 +77,7 @@ pub(super) fn digest(
         dicing,
         max_error,
         // They change the picture, but no geometry; images that are missing are among those that displace.
+        ptex_filter: _,
         clay: _,
         missing_textures: _,
         default_dome: _,

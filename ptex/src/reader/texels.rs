@@ -85,7 +85,15 @@ impl<'r> Texels<'r> {
         first: usize,
         out: &mut [f32],
     ) -> Result<()> {
-        self.add_weighted(x, y, &[1.0], &[1.0], weight, first, out)
+        match self.view() {
+            View::Constant(pixels, at) => add_texel(pixels, at + first, weight, out),
+            View::Whole(pixels) => {
+                let at = ((y << self.res.ulog2) + x) * self.channels();
+                add_texel(pixels, at + first, weight, out);
+            }
+            View::Tiled(..) => return self.add_weighted(x, y, &[1.0], &[1.0], weight, first, out),
+        }
+        Ok(())
     }
 
     /// Adds a rectangle of texels, from column `x0` and row `y0` on, with separable weights: `scale` times the sum of
@@ -112,7 +120,7 @@ impl<'r> Texels<'r> {
         match self.view() {
             View::Constant(pixels, at) => {
                 let weight = uw.iter().sum::<f32>() * vw.iter().sum::<f32>() * scale;
-                add_constant(pixels, at + first, weight, out);
+                add_texel(pixels, at + first, weight, out);
             }
             View::Whole(pixels) => {
                 let plane = Plane {
@@ -131,7 +139,7 @@ impl<'r> Texels<'r> {
                             (true, pixels) => {
                                 let weight =
                                     uw.iter().sum::<f32>() * vw.iter().sum::<f32>() * scale;
-                                add_constant(pixels, first, weight, out);
+                                add_texel(pixels, first, weight, out);
                             }
                             (false, pixels) => {
                                 let plane = Plane {
@@ -335,6 +343,10 @@ fn pieces(
     })
 }
 
+/// Samples that are summed at once, and most such blocks in a row: 16 texels of four channels.
+const BLOCK: usize = 4;
+const BLOCKS: usize = 16;
+
 /// How samples lie in an array.
 #[derive(Clone, Copy)]
 struct Plane {
@@ -365,41 +377,44 @@ impl Plane {
         let start = (at[1] * self.width + at[0]) * self.channels + first;
         with_samples!(pixels, s => {
             let s = &s[start..];
-            // Few channels are summed in registers.
-            match out.len() {
-                1 => self.add_few::<_, 1>(s, uw, vw, scale, out),
-                3 => self.add_few::<_, 3>(s, uw, vw, scale, out),
-                4 => self.add_few::<_, 4>(s, uw, vw, scale, out),
-                _ => self.add_many(s, uw, vw, scale, out),
+            if uw.len() * self.channels <= BLOCKS * BLOCK {
+                self.add_few(s, uw, vw, scale, out);
+            } else {
+                self.add_many(s, uw, vw, scale, out);
             }
         });
     }
 
+    /// Sums along columns first, a block of samples that lie side by side at a time, which the compiler makes vectors of.
+    /// A last block may reach into samples that do not count.
     #[inline]
-    fn add_few<S: Sample, const N: usize>(
-        self,
-        s: &[S],
-        uw: &[f32],
-        vw: &[f32],
-        scale: f32,
-        out: &mut [f32],
-    ) {
-        let mut sums = [0.0; N];
-        for (j, v) in vw.iter().enumerate() {
-            let row = &s[j * self.width * self.channels..];
-            let mut row_sums = [0.0; N];
-            for (i, u) in uw.iter().enumerate() {
-                let texel = &row[i * self.channels..][..N];
-                for (sum, sample) in row_sums.iter_mut().zip(texel) {
-                    *sum += u * sample.float();
+    fn add_few<S: Sample>(self, s: &[S], uw: &[f32], vw: &[f32], scale: f32, out: &mut [f32]) {
+        let stride = self.width * self.channels;
+        let count = uw.len().saturating_sub(1) * self.channels + out.len();
+        let mut sums = [[0.0_f32; BLOCK]; BLOCKS];
+        for (block, sums) in sums[..count.div_ceil(BLOCK)].iter_mut().enumerate() {
+            let rows = vw
+                .iter()
+                .enumerate()
+                .map(|(j, v)| (&s[j * stride + block * BLOCK..], v));
+            for (row, v) in rows {
+                if let Some(samples) = row.first_chunk::<BLOCK>() {
+                    let samples = samples.map(S::float);
+                    for (sum, sample) in sums.iter_mut().zip(samples) {
+                        *sum += v * sample;
+                    }
+                } else {
+                    // The end of the texels.
+                    for (sum, sample) in sums.iter_mut().zip(row) {
+                        *sum += v * sample.float();
+                    }
                 }
             }
-            for (sum, row_sum) in sums.iter_mut().zip(row_sums) {
-                *sum += v * row_sum;
-            }
         }
-        for (out, sum) in out.iter_mut().zip(sums) {
-            *out += scale * sum;
+        for (u, texel) in uw.iter().zip(sums.as_flattened().chunks(self.channels)) {
+            for (out, sum) in out.iter_mut().zip(texel) {
+                *out += scale * u * sum;
+            }
         }
     }
 
@@ -421,7 +436,7 @@ impl Plane {
 }
 
 #[inline]
-fn add_constant(pixels: &Pixels, at: usize, weight: f32, out: &mut [f32]) {
+fn add_texel(pixels: &Pixels, at: usize, weight: f32, out: &mut [f32]) {
     let count = out.len();
     with_samples!(pixels, s => for (out, sample) in out.iter_mut().zip(&s[at..at + count]) {
         *out += weight * sample.float();

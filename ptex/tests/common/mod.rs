@@ -4,6 +4,7 @@
 #![allow(dead_code, clippy::unwrap_used)]
 
 pub(crate) mod made;
+pub(crate) mod mesh;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};

@@ -86,18 +86,8 @@ impl Head {
         head
     }
 
-    /// The same head with its axes in another order.
-    #[inline(always)]
-    pub(super) fn in_order(&self, [x, y, z]: [usize; 3]) -> Self {
-        Self {
-            axes: [self.axes[x], self.axes[y], self.axes[z]],
-            main: self.main,
-            rows: [self.rows[x], self.rows[y], self.rows[z]],
-            strides: [self.strides[x], self.strides[y], self.strides[z]],
-        }
-    }
-
     /// Column `i` of row `j`: the clear twin of what [`traverse`](super::traverse) does with all of them at once.
+    #[inline]
     pub(super) fn vertex(&self, data: &[u8], i: usize, j: usize) -> [i32; 3] {
         let field = |k: usize| {
             let width = self.axes[k].width as usize;

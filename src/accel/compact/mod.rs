@@ -123,9 +123,9 @@ impl Compact {
         self.keys > 1 || !fan.is_single()
     }
 
-    /// The corners of a triangle, where they are at a time.
-    fn corners(&self, met: &Met, moment: &Moment) -> [DVec3; 3] {
-        let patch = &self.patches[met.patch as usize];
+    /// The corners of a triangle on the lattice, where they are at a time.
+    #[inline]
+    fn corners(&self, patch: &Patch, met: &Met, moment: &Moment) -> [DVec3; 3] {
         let fan = self.fan(patch);
         let (i, j) = (met.cell % SIDE, met.cell / SIDE);
         let corners = if met.second {
@@ -135,7 +135,10 @@ impl Compact {
         };
         let at = |key: usize| {
             let head = self.head(patch, &fan, met.block, key);
-            corners.map(|(i, j)| self.lattice.position(head.vertex(&self.data, i, j)))
+            corners.map(|(i, j)| {
+                let [x, y, z] = head.vertex(&self.data, i, j);
+                DVec3::new(f64::from(x), f64::from(y), f64::from(z))
+            })
         };
         let from = at(moment.from);
         if self.keys == 1 {
@@ -147,15 +150,14 @@ impl Compact {
     }
 
     fn hit(&self, ray: &Ray, met: &Met) -> Hit {
-        let [a, b, c] = self.corners(met, &Moment::new(self.keys, ray.time));
+        let patch = &self.patches[met.patch as usize];
+        let [a, b, c] = self.corners(patch, met, &Moment::new(self.keys, ray.time));
         let normal = (b - a).cross(c - a);
         let normal = if self.left_handed { -normal } else { normal };
         // Measured rather than estimated, in double precision: the point that whoever reads `t` computes, and the plane.
-        let distance = normal
-            .normalize_or_zero()
-            .dot(ray.at(met.hit.t).as_dvec3() - a)
-            .abs();
-        let patch = &self.patches[met.patch as usize];
+        let point = self.lattice.on_lattice(ray.at(met.hit.t));
+        let distance = normal.dot(point - a).abs() / normal.length().max(f64::MIN_POSITIVE);
+        let distance = distance * self.lattice.step();
         let face = &self.faces[patch.face as usize];
         let grid = FaceGrid {
             face: face.face,
@@ -165,16 +167,15 @@ impl Compact {
             first_triangle: 0,
         };
         let at = |patch: u16, block: usize, cell: usize| {
-            (SPAN * usize::from(patch) + CELLS * block + cell) as u64
+            (SPAN * usize::from(patch) + CELLS * block + cell) as u16
         };
         let column = at(patch.column, met.block % FAN, met.cell % SIDE);
         let row = at(patch.row, met.block / FAN, met.cell / SIDE);
-        let cell = row * u64::from(face.size[0]) + column;
-        let triangle = 2 * cell + u64::from(met.second);
+        let weights = Vec2::new(met.hit.u, met.hit.v);
         Hit {
             t: met.hit.t,
             face: face.face,
-            uv: grid.triangle_uv(triangle, Vec2::new(met.hit.u, met.hit.v)),
+            uv: grid.cell_uv((column, row), met.second, weights),
             normal: normal.as_vec3(),
             error: (distance * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
         }

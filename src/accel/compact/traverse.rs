@@ -8,7 +8,7 @@
 use arrayvec::ArrayVec;
 
 use super::Compact;
-use super::block::{Axis, CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
+use super::block::{CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
 use super::patch::{Fan, Patch};
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
@@ -320,19 +320,15 @@ impl<'a, const MOVES: bool> Walk<'a, MOVES> {
     ) {
         let compact = self.compact;
         let moment = self.moment;
+        let LatticeRay { k, origin, s, .. } = self.ray;
         let head = compact.head(self.patch, &self.fan, block, moment.from);
-        let mut planes = Planes::new(lanes, &head, columns);
+        let mut planes = Planes::new(lanes, &head, k, columns);
         let mut later = planes;
         if MOVES {
             let head = compact.head(self.patch, &self.fan, block, moment.to);
-            later = Planes::new(lanes, &head, columns);
+            later = Planes::new(lanes, &head, k, columns);
         }
-        let LatticeRay { k, origin, s, .. } = self.ray;
-        let [ox, oy, oz] = [
-            lanes.floats(origin[k[0]]),
-            lanes.floats(origin[k[1]]),
-            lanes.floats(origin[k[2]]),
-        ];
+        let origin = k.map(|k| lanes.floats(origin[k]));
         let [sx, sy] = [lanes.floats(s[0]), lanes.floats(s[1])];
         for pair in 0..rows / 2 + 1 {
             let two = [2 * pair, (2 * pair + 1).min(rows)];
@@ -345,9 +341,9 @@ impl<'a, const MOVES: bool> Walk<'a, MOVES> {
                     self.moment.between_lanes(lanes, at[2], b[2]),
                 ];
             }
-            let x = lanes.sub(at[k[0]], ox);
-            let y = lanes.sub(at[k[1]], oy);
-            let z = lanes.sub(at[k[2]], oz);
+            let x = lanes.sub(at[0], origin[0]);
+            let y = lanes.sub(at[1], origin[1]);
+            let z = lanes.sub(at[2], origin[2]);
             lanes.store(lanes.sub(x, lanes.mul(sx, z)), &mut to.x[pair]);
             lanes.store(lanes.sub(y, lanes.mul(sy, z)), &mut to.y[pair]);
             lanes.store(z, &mut to.z[pair]);
@@ -355,79 +351,89 @@ impl<'a, const MOVES: bool> Walk<'a, MOVES> {
     }
 }
 
-/// A block's prediction, two rows at a time.
+/// A block's prediction, two rows at a time, with the axes in the ray's order.
 #[derive(Clone, Copy)]
 struct Planes<L: Lanes> {
-    /// With the main axis first.
-    head: Head,
-    /// Where each axis is in it.
-    order: [usize; 3],
+    fields: [Fields; 3],
     /// Whether the rows have all their vertices.
     full: bool,
+    /// All bits of the main axis, none of the others: its fields are the heights.
+    main: [L::Ints; 3],
+    shear: [L::Ints; 3],
     at: [L::Ints; 3],
     /// From two rows to the next two.
     step: [L::Ints; 3],
 }
 
+/// An axis's rows: where the first one starts, how far they are apart, and bits of a field.
+#[derive(Clone, Copy)]
+struct Fields {
+    start: usize,
+    stride: usize,
+    width: u32,
+}
+
 impl<L: Lanes> Planes<L> {
     #[inline(always)]
-    fn new(lanes: L, head: &Head, columns_there: usize) -> Self {
-        let main = head.main;
-        let others = [(main + 1) % 3, (main + 2) % 3];
-        let mut order = [0; 3];
-        order[others[0]] = 1;
-        order[others[1]] = 2;
-        let head = head.in_order([main, others[0], others[1]]);
+    fn new(lanes: L, head: &Head, k: [usize; 3], columns_there: usize) -> Self {
         let (columns, rows) = (lanes.load_ints(&COLUMNS), lanes.load_ints(&ROWS));
+        let axes = k.map(|k| head.axes[k]);
         let mut at = [columns; 3];
-        let mut step = [rows; 3];
-        for k in 0..3 {
-            let Axis { base, du, dv, .. } = head.axes[k];
-            let u = lanes.mul_ints(columns, lanes.ints(du));
-            let v = lanes.mul_ints(rows, lanes.ints(dv));
+        for (at, axis) in at.iter_mut().zip(&axes) {
+            let u = lanes.mul_ints(columns, lanes.ints(axis.du));
+            let v = lanes.mul_ints(rows, lanes.ints(axis.dv));
             let plane = lanes.add_ints(u, v);
-            at[k] = lanes.add_ints(lanes.ints(base << SLOPE_POINT), plane);
-            step[k] = lanes.ints(2 * dv);
+            *at = lanes.add_ints(lanes.ints(axis.base << SLOPE_POINT), plane);
         }
         Self {
-            head,
-            order,
+            fields: k.map(|k| Fields {
+                start: head.rows[k],
+                stride: head.strides[k],
+                width: head.axes[k].width,
+            }),
             full: columns_there == CELLS,
+            main: k.map(|k| lanes.ints(-i32::from(k == head.main))),
+            shear: axes.map(|axis| lanes.ints(axis.shear)),
             at,
-            step,
+            step: axes.map(|axis| lanes.ints(2 * axis.dv)),
         }
     }
 
     /// The next two rows of vertices, which are the given ones, on the lattice.
     #[inline(always)]
     fn next(&mut self, lanes: L, data: &[u8], rows: [usize; 2]) -> [L::Floats; 3] {
-        let heights = self.fields(lanes, data, rows, 0);
+        let fields = [
+            self.fields(lanes, data, rows, 0),
+            self.fields(lanes, data, rows, 1),
+            self.fields(lanes, data, rows, 2),
+        ];
+        let mut heights = lanes.and_ints(fields[0], self.main[0]);
+        heights = lanes.add_ints(heights, lanes.and_ints(fields[1], self.main[1]));
+        heights = lanes.add_ints(heights, lanes.and_ints(fields[2], self.main[2]));
         let mut out = [lanes.floats(0.0); 3];
-        for (k, out) in out.iter_mut().enumerate() {
-            let mut field = heights;
-            if k > 0 {
-                let shear = lanes.mul_ints(heights, lanes.ints(self.head.axes[k].shear));
-                let shear = lanes.shift_right::<SHEAR_POINT>(shear);
-                field = lanes.add_ints(self.fields(lanes, data, rows, k), shear);
-            }
+        for k in 0..3 {
+            let shear = lanes.mul_ints(heights, self.shear[k]);
+            let shear = lanes.shift_right::<SHEAR_POINT>(shear);
             let plane = lanes.shift_right::<SLOPE_POINT>(self.at[k]);
             self.at[k] = lanes.add_ints(self.at[k], self.step[k]);
-            *out = lanes.to_floats(lanes.add_ints(plane, field));
+            let all = lanes.add_ints(plane, lanes.add_ints(fields[k], shear));
+            out[k] = lanes.to_floats(all);
         }
-        let [x, y, z] = self.order;
-        [out[x], out[y], out[z]]
+        out
     }
 
     #[inline(always)]
     fn fields(&self, lanes: L, data: &[u8], [a, b]: [usize; 2], k: usize) -> L::Ints {
-        let (start, stride) = (self.head.rows[k], self.head.strides[k]);
-        let width = self.head.axes[k].width;
+        let Fields {
+            start,
+            stride,
+            width,
+        } = self.fields[k];
         // Rows of eight follow each other without a gap.
         if self.full && width <= NARROW {
             return lanes.narrow_fields(data, start + a * stride, width);
         }
-        let rows = [start + a * stride, start + b * stride];
-        lanes.fields(data, rows, width)
+        lanes.fields(data, [start + a * stride, start + b * stride], width)
     }
 }
 

@@ -55,6 +55,7 @@ pub(super) trait Lanes: Copy {
     fn less_equal(self, a: Self::Floats, b: Self::Floats) -> u32;
 
     fn add_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
+    fn and_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
     fn mul_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
     /// Towards minus infinity.
     fn shift_right<const BY: u32>(self, a: Self::Ints) -> Self::Ints;

@@ -88,6 +88,10 @@ impl Lanes for Portable {
         each(a, b, i32::wrapping_add)
     }
     #[inline(always)]
+    fn and_ints(self, a: Ints, b: Ints) -> Ints {
+        each(a, b, |a, b| a & b)
+    }
+    #[inline(always)]
     fn mul_ints(self, a: Ints, b: Ints) -> Ints {
         each(a, b, i32::wrapping_mul)
     }

@@ -22,6 +22,7 @@ impl Body for All<'_> {
         let counts: [i32; LANES] = std::array::from_fn(|i| i as i32 - 7);
         let ints = lanes.mul_ints(fields, lanes.load_ints(&counts));
         let ints = lanes.shift_right::<6>(lanes.add_ints(ints, lanes.ints(-5)));
+        let ints = lanes.and_ints(ints, lanes.ints(0x00ff_ff7f));
         let bytes: &[u8; LANES] = self.bytes[..LANES].try_into().expect("sixteen");
         let floats = [
             lanes.add(a, b),

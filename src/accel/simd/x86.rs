@@ -112,6 +112,10 @@ impl Lanes for Avx512 {
         op!(_mm512_add_epi32(a, b))
     }
     #[inline(always)]
+    fn and_ints(self, a: __m512i, b: __m512i) -> __m512i {
+        op!(_mm512_and_si512(a, b))
+    }
+    #[inline(always)]
     fn mul_ints(self, a: __m512i, b: __m512i) -> __m512i {
         op!(_mm512_mullo_epi32(a, b))
     }
@@ -242,6 +246,10 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn add_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
         op!([_mm256_add_epi32(a[0], b[0]), _mm256_add_epi32(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn and_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
+        op!([_mm256_and_si256(a[0], b[0]), _mm256_and_si256(a[1], b[1])])
     }
     #[inline(always)]
     fn mul_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {

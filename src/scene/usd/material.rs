@@ -8,7 +8,7 @@ use openusd_schemas::shade::MaterialBindingAPI;
 use super::value;
 use super::walk::{Inherited, Reader, has};
 use crate::math::{Vec3, Vec4};
-use crate::scene::{Channels, Input, Material, PreviewSurface, TextureMap};
+use crate::scene::{Channels, Input, Material, PreviewSurface, PtexMap, TextureMap};
 
 /// Connections are followed this far.
 const MAX_HOPS: usize = 64;
@@ -287,6 +287,17 @@ impl Reader {
                 .or_else(|| T::from_value(sdf::Value::Vec3f([scalar; 3].into())));
             return Input::Value(value.unwrap_or(default));
         }
+        if id == "RelievoPtexTexture" {
+            return match self.ptex_file(&source) {
+                Some(file) => Input::Ptex(self.ptex_map(&source, &output, file, T::SCALAR)),
+                None => {
+                    self.warn("Ptex without a file", || {
+                        format!("{}: its file cannot be told", source.path().as_str())
+                    });
+                    Input::Value(default)
+                }
+            };
+        }
         if id.starts_with("UsdPrimvarReader_float")
             || id == "UsdPrimvarReader_vector"
             || id == "UsdPrimvarReader_normal"
@@ -320,43 +331,55 @@ impl Reader {
 
     /// What a texture is without an image.
     pub(super) fn fallback(&self, texture: &Prim) -> Vec4 {
-        match self.follow(texture.attribute("inputs:fallback")) {
-            Source::Own(attribute) => self
-                .value(&attribute.prim(), attribute.name())
-                .and_then(value::vec4),
-            Source::Shader(..) => None,
-        }
-        .unwrap_or(Vec4::new(0.0, 0.0, 0.0, 1.0))
+        let none = Vec4::new(0.0, 0.0, 0.0, 1.0);
+        self.four(texture, "fallback").unwrap_or(none)
     }
 
     /// A UsdUVTexture with the nodes before it.
     fn texture_map(&mut self, shader: &Prim, output: &str, scalar: bool) -> Option<TextureMap> {
         let texture = self.uv_texture(shader)?;
-        let channels = match (output, scalar) {
-            ("r", _) => Channels::R,
-            ("g", _) => Channels::G,
-            ("b", _) => Channels::B,
-            ("a", _) => Channels::A,
-            (_, true) => Channels::R,
-            (_, false) => Channels::Rgb,
-        };
         let (primvar, transform) = self.coordinates(shader);
-        let four = |reader: &Self, name: &str| match reader
-            .follow(shader.attribute(format!("inputs:{name}")))
-        {
-            Source::Own(attribute) => reader
-                .value(&attribute.prim(), attribute.name())
-                .and_then(value::vec4),
-            Source::Shader(..) => None,
-        };
         Some(TextureMap {
             texture,
             primvar,
             transform,
-            channels,
-            scale: four(self, "scale").unwrap_or(Vec4::ONE),
-            bias: four(self, "bias").unwrap_or(Vec4::ZERO),
+            channels: channels(output, scalar),
+            scale: self.four(shader, "scale").unwrap_or(Vec4::ONE),
+            bias: self.four(shader, "bias").unwrap_or(Vec4::ZERO),
             fallback: self.fallback(shader),
         })
+    }
+
+    /// What an input takes of a RelievoPtexTexture.
+    fn ptex_map(&self, shader: &Prim, output: &str, file: usize, scalar: bool) -> PtexMap {
+        PtexMap {
+            file,
+            channels: channels(output, scalar),
+            scale: self.four(shader, "scale").unwrap_or(Vec4::ONE),
+            bias: self.four(shader, "bias").unwrap_or(Vec4::ZERO),
+            fallback: self.fallback(shader),
+        }
+    }
+
+    /// The four numbers of an input that must not vary.
+    fn four(&self, shader: &Prim, name: &str) -> Option<Vec4> {
+        match self.follow(shader.attribute(format!("inputs:{name}"))) {
+            Source::Own(attribute) => self
+                .value(&attribute.prim(), attribute.name())
+                .and_then(value::vec4),
+            Source::Shader(..) => None,
+        }
+    }
+}
+
+/// What an input takes of a texture's output.
+fn channels(output: &str, scalar: bool) -> Channels {
+    match (output, scalar) {
+        ("r", _) => Channels::R,
+        ("g", _) => Channels::G,
+        ("b", _) => Channels::B,
+        ("a", _) => Channels::A,
+        (_, true) => Channels::R,
+        (_, false) => Channels::Rgb,
     }
 }

@@ -1,4 +1,4 @@
-//! UsdUVTexture, the nodes before it, and where its image is.
+//! UsdUVTexture and RelievoPtexTexture, the nodes before them, and where their images are.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,7 +13,7 @@ use super::value;
 use super::walk::Reader;
 use crate::image::{ColorSpace, ImageSource, Wrap};
 use crate::math::Vec2;
-use crate::scene::{TextureSource, Transform2d};
+use crate::scene::{PtexFilter, PtexOptions, PtexSource, TextureSource, Transform2d};
 
 /// A package in a package in …: this deep.
 const MAX_PACKAGES: usize = 8;
@@ -83,6 +83,64 @@ impl Reader {
             color_space,
         });
         Some(self.textures.len() - 1)
+    }
+
+    /// The number of the Ptex file of a RelievoPtexTexture.
+    pub(super) fn ptex_file(&mut self, shader: &Prim) -> Option<usize> {
+        let Source::Own(file) = self.follow(shader.attribute("inputs:file")) else {
+            return None;
+        };
+        let asset = self
+            .value(&file.prim(), file.name())
+            .and_then(value::asset)
+            .filter(|a| !a.asset_path().is_empty())?;
+        let image = self.image(shader, &file, &asset)?;
+        let options = PtexOptions {
+            filter: self.ptex_filter(shader),
+            first_channel: self.plain::<f32>(shader, "firstChannel").unwrap_or(0.0) as usize,
+            color_space: match self.plain_word(shader, "sourceColorSpace").as_deref() {
+                Some("raw") => ColorSpace::Raw,
+                Some("sRGB") => ColorSpace::Srgb,
+                _ => ColorSpace::Auto,
+            },
+        };
+        let same = |p: &PtexSource| p.image == image && p.options == options;
+        if let Some(index) = self.ptex.iter().position(same) {
+            return Some(index);
+        }
+        self.ptex.push(PtexSource {
+            image,
+            prim: shader.path().as_str().to_owned(),
+            options,
+        });
+        Some(self.ptex.len() - 1)
+    }
+
+    /// How a RelievoPtexTexture is to be looked up.
+    fn ptex_filter(&mut self, shader: &Prim) -> PtexFilter {
+        let name = self.plain_word(shader, "filter");
+        let mut filter = match name.as_deref().map(PtexFilter::named) {
+            None => PtexFilter::default(),
+            Some(Ok(filter)) => filter,
+            Some(Err(fault)) => {
+                self.warn("unknown Ptex filter", || {
+                    let advice = fault.help.unwrap_or_default();
+                    format!("{}: {}: {advice}", shader.path().as_str(), fault.message)
+                });
+                PtexFilter::default()
+            }
+        };
+        if let PtexFilter::Kernel(kernel) = &mut filter {
+            let mut set = |name: &str, to: &mut f32| {
+                if let Some(value) = self.plain(shader, name) {
+                    *to = value;
+                }
+            };
+            set("sharpness", &mut kernel.sharpness);
+            set("width", &mut kernel.width);
+            set("blur", &mut kernel.blur);
+        }
+        filter
     }
 
     /// Where an asset is: a file, or an entry of a package.

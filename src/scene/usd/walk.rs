@@ -18,7 +18,9 @@ use super::value;
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{DAffine3, DMat4, Vec3};
 use crate::mesh::Primvar;
-use crate::scene::{Description, LoadOptions, Material, Placement, Purpose, Shape, TextureSource};
+use crate::scene::{
+    Description, LoadOptions, Material, Placement, PtexSource, Purpose, Shape, TextureSource,
+};
 
 /// Prims that are visited at most; a file can compose to any number of them.
 const MAX_PRIMS: usize = 4 << 20;
@@ -51,6 +53,7 @@ pub(super) struct Reader {
     pub(super) materials: Vec<Material>,
     pub(super) material_of: HashMap<String, Option<usize>>,
     pub(super) textures: Vec<TextureSource>,
+    pub(super) ptex: Vec<PtexSource>,
     pub(super) prototypes: HashMap<String, Vec<(Inherited, Rc<Collected>)>>,
     /// Prototypes that are being collected, against those that hold themselves.
     pub(super) open: Vec<String>,
@@ -130,6 +133,7 @@ impl Reader {
             materials: Vec::new(),
             material_of: HashMap::new(),
             textures: Vec::new(),
+            ptex: Vec::new(),
             prototypes: HashMap::new(),
             open: Vec::new(),
         }
@@ -225,6 +229,7 @@ impl Reader {
             lights,
             materials: std::mem::take(&mut self.materials),
             textures: std::mem::take(&mut self.textures),
+            ptex: std::mem::take(&mut self.ptex),
             settings,
             warnings: Warnings::default(),
         })

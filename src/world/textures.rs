@@ -1,0 +1,265 @@
+//! A scene's images and Ptex files, loaded; and its materials, which look them up.
+
+use std::sync::Arc;
+
+use glam::Vec4;
+use rayon::prelude::*;
+use relievo_ptex::{Cache, MeshType};
+
+use super::build::BuildOptions;
+use crate::error::{Fault, Result, Warnings};
+use crate::image::{PtexTexture, Texture};
+use crate::math::{Vec2, Vec3};
+use crate::mesh::{Scheme, ptex_face_count, ptex_kind};
+use crate::scene::{
+    self, ColorSpace, Description, Input, PreviewSurface, PtexFilter, PtexMap, PtexOptions,
+};
+use crate::shade::material::Material;
+use crate::shade::texture_map::{FaceLookup, Lookup, Lookups};
+
+/// Bytes of Ptex texels that are held at a time.
+const PTEX_CACHE: usize = 1 << 30;
+
+/// What materials and lights look things up in.
+pub(super) struct Textures {
+    /// The description's, in its order.
+    pub(super) images: Vec<Arc<Texture>>,
+    /// Likewise.
+    pub(super) ptex: Vec<Arc<PtexTexture>>,
+    /// The same files as displacement reads them, where one does.
+    pub(super) heights: Vec<Option<Arc<PtexTexture>>>,
+    cache: Cache,
+}
+
+impl Textures {
+    /// Reads images whole, and opens Ptex files.
+    ///
+    /// # Errors
+    /// What cannot be read, unless the options have a colour instead.
+    pub(super) fn load(
+        description: &Description,
+        options: &BuildOptions,
+        warnings: &mut Warnings,
+    ) -> Result<Self> {
+        let images = load_images(description, options, warnings)?;
+        let cache = Cache::new(PTEX_CACHE);
+        let mut ptex = Vec::new();
+        let mut heights = Vec::new();
+        for (i, source) in description.ptex.iter().enumerate() {
+            let mut open = |how: &PtexOptions| {
+                let constant = |value| Arc::new(PtexTexture::constant(value));
+                PtexTexture::open(&source.image, how, &cache).map_or_else(
+                    |fault| missing(fault, &source.prim, options, warnings).map(constant),
+                    |texture| Ok(Arc::new(texture)),
+                )
+            };
+            let displaces = (description.materials.iter())
+                .any(|m| matches!(&m.surface.displacement, Input::Ptex(map) if map.file == i));
+            heights.push(if displaces {
+                Some(open(&PtexOptions {
+                    filter: PtexFilter::Consistent,
+                    color_space: ColorSpace::Raw,
+                    ..source.options
+                })?)
+            } else {
+                None
+            });
+            ptex.push(if options.clay.is_some() {
+                Arc::new(PtexTexture::constant(Vec4::ONE))
+            } else {
+                open(&PtexOptions {
+                    filter: options.ptex_filter.unwrap_or(source.options.filter),
+                    ..source.options
+                })?
+            });
+        }
+        Ok(Self {
+            images,
+            ptex,
+            heights,
+            cache,
+        })
+    }
+
+    /// Bytes held now.
+    pub(super) fn memory(&self) -> usize {
+        self.cache.held() + self.images.iter().map(|t| t.memory()).sum::<usize>()
+    }
+
+    /// All Ptex files, as materials and as displacement read them.
+    pub(super) fn files(&self) -> impl Iterator<Item = &Arc<PtexTexture>> {
+        self.ptex.iter().chain(self.heights.iter().flatten())
+    }
+
+    /// All materials, and the number of the one for faces without any.
+    pub(super) fn materials(
+        &self,
+        description: &Description,
+        options: &BuildOptions,
+    ) -> (Vec<Material>, usize) {
+        let face_lookup = |t: &Arc<PtexTexture>| t.clone() as Arc<dyn FaceLookup>;
+        let lookups = Lookups {
+            images: (self.images.iter())
+                .map(|t| t.clone() as Arc<dyn Lookup>)
+                .collect(),
+            ptex: self.ptex.iter().map(face_lookup).collect(),
+            heights: (self.heights.iter().zip(&self.ptex))
+                .map(|(height, color)| face_lookup(height.as_ref().unwrap_or(color)))
+                .collect(),
+        };
+        let mut materials: Vec<Material> = description
+            .materials
+            .iter()
+            .map(|m| {
+                let material = Material::new(m, &lookups);
+                match options.clay {
+                    Some(albedo) => Material::clay(Vec3::splat(albedo), Some(&material)),
+                    None => material,
+                }
+            })
+            .collect();
+        let unbound = materials.len();
+        materials.push(options.clay.map_or_else(Material::display_color, |albedo| {
+            Material::clay(Vec3::splat(albedo), None)
+        }));
+        (materials, unbound)
+    }
+
+    /// Whether a shape has the faces that the Ptex files of a material are for.
+    ///
+    /// # Errors
+    /// If it has not.
+    pub(super) fn check_faces(
+        &self,
+        geometry: &scene::Geometry,
+        material: &scene::Material,
+        options: &BuildOptions,
+    ) -> Result<(), Fault> {
+        let surface = &material.surface;
+        let maps = if options.clay.is_some() {
+            displacement_map(surface).into_iter().collect()
+        } else {
+            surface.ptex_maps()
+        };
+        for map in maps {
+            let files = [self.ptex.get(map.file), self.heights[map.file].as_ref()];
+            let Some(reader) = files.into_iter().flatten().find_map(|t| t.reader()) else {
+                continue;
+            };
+            let fault = |message: String| {
+                Fault::new(format!(
+                    "{message} {} that {} reads",
+                    reader.path().display(),
+                    material.path
+                ))
+                .advise("bind a material without it, or a Ptex file that was made for this mesh")
+            };
+            let mesh = match geometry {
+                scene::Geometry::Mesh(mesh) if mesh.scheme != Scheme::None => mesh,
+                _ => {
+                    return Err(fault(
+                        "it is no subdivision surface, which alone has faces for".to_owned(),
+                    ));
+                }
+            };
+            let (faces, kind) = (ptex_face_count(mesh), ptex_kind(mesh));
+            if (faces, kind) != (reader.face_count(), reader.mesh_type()) {
+                let name = |kind| match kind {
+                    MeshType::Triangle => "triangles",
+                    MeshType::Quad => "quads",
+                };
+                return Err(fault(format!(
+                    "its {faces} Ptex faces, {}, are not the {} {} of",
+                    name(kind),
+                    reader.face_count(),
+                    name(reader.mesh_type()),
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn displacement_map(surface: &PreviewSurface) -> Option<&PtexMap> {
+    match &surface.displacement {
+        Input::Ptex(map) => Some(map),
+        _ => None,
+    }
+}
+
+impl Lookup for Texture {
+    fn eval(&self, st: Vec2) -> Vec4 {
+        Self::eval(self, st)
+    }
+}
+
+impl FaceLookup for PtexTexture {
+    fn eval(&self, face: u32, uv: Vec2) -> Vec4 {
+        Self::eval(self, face, uv)
+    }
+}
+
+/// The colour in place of a texture that cannot be read, or what is wrong with it.
+fn missing(
+    fault: Fault,
+    prim: &str,
+    options: &BuildOptions,
+    warnings: &mut Warnings,
+) -> Result<Vec4> {
+    if let Some(colour) = options.missing_textures {
+        warnings.add(format!("missing texture {fault}"), || {
+            format!("{prim}: {fault}")
+        });
+        return Ok(colour);
+    }
+    let mut fault = fault.at_prim(prim);
+    let go_on = "render with --missing-textures magenta";
+    fault.help = Some(match fault.help {
+        Some(help) => format!("{help}, or {go_on}"),
+        None => format!("repair the path, or {go_on}"),
+    });
+    Err(fault.into())
+}
+
+fn load_images(
+    description: &Description,
+    options: &BuildOptions,
+    warnings: &mut Warnings,
+) -> Result<Vec<Arc<Texture>>> {
+    // Clay asks only for displacement; the others are not worth their time.
+    let loaded: Vec<_> = description
+        .textures
+        .par_iter()
+        .enumerate()
+        .map(|(i, source)| {
+            if options.clay.is_some() && !serves_clay(description, i) {
+                return Ok(Texture::constant(Vec4::ONE));
+            }
+            Texture::load(
+                &source.image,
+                [source.wrap_s, source.wrap_t],
+                source.color_space,
+            )
+        })
+        .collect();
+    loaded
+        .into_iter()
+        .zip(&description.textures)
+        .map(|(texture, source)| {
+            let texture = texture.or_else(|fault| {
+                missing(fault, &source.prim, options, warnings).map(Texture::constant)
+            })?;
+            Ok(Arc::new(texture))
+        })
+        .collect()
+}
+
+fn serves_clay(description: &Description, texture: usize) -> bool {
+    description
+        .lights
+        .iter()
+        .any(|l| l.texture.as_ref().is_some_and(|t| t.texture == texture))
+        || description.materials.iter().any(
+            |m| matches!(&m.surface.displacement, Input::Texture(map) if map.texture == texture),
+        )
+}
