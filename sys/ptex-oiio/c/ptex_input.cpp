@@ -184,6 +184,8 @@ private:
         // The first name is what readers of Ptex have come to expect, the second what texture systems look for.
         spec.attribute("wrapmode", wrap);
         spec.attribute("wrapmodes", wrap);
+        // Says that the levels are those of a MIP map. Without it oiiotool cannot write a face to formats that have some.
+        spec.attribute("textureformat", "Plain Texture");
 
         OIIO::ImageSpec others = spec;
         size_t large           = 0;

@@ -178,12 +178,25 @@ fn every_face_of_the_oracles_is_listed_as_told() {
                 if name == "wrapmode" {
                     // Where both axes differ, the reference takes that of u for both.
                     attributes.push([name, kind.clone(), wrap.clone()]);
-                    attributes.push(["wrapmodes".to_owned(), kind, wrap.clone()]);
+                    attributes.push(["wrapmodes".to_owned(), kind.clone(), wrap.clone()]);
+                    let format = ["textureformat", &kind, "Plain Texture"];
+                    attributes.push(format.map(str::to_owned));
                 } else {
                     attributes.push([name, kind, told]);
                 }
             }
-            assert_eq!(specs[0].attributes, attributes, "{name}");
+            let found = &specs[0].attributes;
+            assert_eq!(found.len(), attributes.len(), "{name}");
+            for (found, wanted) in found.iter().zip(&attributes) {
+                assert_eq!(found[..2], wanted[..2], "{name}");
+                // Long texts are cut in the list.
+                let whole = found[2] == wanted[2];
+                let start = wanted[2].strip_suffix("...");
+                assert!(
+                    whole || start.is_some_and(|start| found[2].starts_with(start)),
+                    "{name} {wanted:?}"
+                );
+            }
             files += 1;
         }
     }
@@ -268,6 +281,8 @@ fn own_files_are_listed() {
         assert_eq!(attribute("wrapmode"), wrap);
         assert_eq!(attribute("wrapmodes"), wrap);
         assert_eq!(attribute("ptex:meshType"), Some(["string", "quad"]));
+        let format = Some(["string", "Plain Texture"]);
+        assert_eq!(attribute("textureformat"), format);
         // All of it five times is little enough.
         let [kind, text] = attribute("list").unwrap();
         assert_eq!(kind, "int[400]");
@@ -286,6 +301,25 @@ fn a_crop_of_a_face_becomes_an_exr() {
         .flat_map(|y| (2..6).flat_map(move |x| texel(3, x, y)))
         .collect();
     assert_eq!(tools.pixels("crop.exr"), wanted);
+}
+
+#[test]
+fn a_face_becomes_an_exr_with_all_its_levels() {
+    let Some(tools) = Tools::new() else { return };
+    made(&tools);
+    tools.run(
+        "oiiotool",
+        &["made.ptx", "--subimage", "4", "-o", "face.exr"],
+    );
+    let specs = tools.specs(&tools.path("face.exr"));
+    assert_eq!(specs.len(), 1);
+    let [width, height, .., levels] = specs[0].sizes;
+    assert_eq!([width, height, levels], [16, 16, 5]);
+    // The middle of the whole.
+    let last = ["face.exr", "--selectmip", "4", "-o", "last.exr"];
+    tools.run("oiiotool", &last);
+    let middle = [4.0, 7.5, 7.5].map(|n| n / 16.0);
+    assert_eq!(tools.pixels("last.exr"), middle);
 }
 
 #[test]
