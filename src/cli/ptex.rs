@@ -1,6 +1,7 @@
 //! `relievo ptex`, one file a command.
 
 mod check;
+mod convert;
 mod info;
 
 use clap::Subcommand;
@@ -13,6 +14,8 @@ pub(crate) enum Ptex {
     Info(info::Info),
     /// Find what is wrong with a Ptex file.
     Check(check::Check),
+    /// Make Ptex files from images, images from Ptex files, and other sizes and types.
+    Convert(Box<convert::Convert>),
 }
 
 impl Ptex {
@@ -20,6 +23,7 @@ impl Ptex {
         match self {
             Self::Info(info) => info.run(),
             Self::Check(check) => check.run(),
+            Self::Convert(convert) => convert.run(),
         }
     }
 }
