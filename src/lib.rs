@@ -6,11 +6,13 @@
 //! our own to meet rays with them; [`trace`] hands surfaces to Embree, where an [`accel::Intersector`] may stand for
 //! one; [`shade`] knows camera, lights and materials; [`integrate`]
 //! computes the radiance along a ray; [`film`] gathers samples into pixels; [`image`] reads textures and
-//! writes pictures; [`store`] keeps what is slow to build in files; [`render`] runs these stages in this order. [`compare`] sets ways of tracing against each other.
+//! writes pictures; [`store`] keeps what is slow to build in files; [`render`] runs these stages in this order. [`compare`] sets ways of tracing against each other,
+//! [`convert`] turns images into Ptex files and back.
 #![deny(unsafe_code)]
 
 pub mod accel;
 pub mod compare;
+pub mod convert;
 pub mod error;
 pub mod film;
 pub mod image;

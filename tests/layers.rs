@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Lowest first: a module and the modules that it may use. What stands below it in the list it may not.
-const LAYERS: [(&str, &[&str]); 20] = [
+const LAYERS: [(&str, &[&str]); 21] = [
     ("error", &[]),
     ("math", &[]),
     // A file of sections: what they hold it does not know.
@@ -25,6 +25,8 @@ const LAYERS: [(&str, &[&str]); 20] = [
         "surface",
         &["error", "stats", "math", "mesh", "image", "subdiv", "nurbs"],
     ),
+    // Images by way of a surface's texture coordinates: no scene, no rays.
+    ("convert", &["error", "math", "mesh", "image", "surface"]),
     ("accel", &["error", "store", "stats", "math", "surface"]),
     // Of surfaces it takes diced ones, to hand their micro-vertices to Embree.
     (

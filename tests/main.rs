@@ -21,6 +21,7 @@ mod manners;
 mod methods;
 mod pictures;
 mod ptex;
+mod ptex_convert;
 mod ptex_scene;
 mod report;
 mod scenes;

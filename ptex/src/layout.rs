@@ -17,8 +17,8 @@ pub(crate) const FACE: usize = 20;
 pub(crate) const LEVEL: usize = 16;
 /// The zero bytes between the meta data and what came with later versions.
 pub(crate) const BARRIER: u64 = 8;
-/// The largest logarithm of a face's columns or rows that is read: a million texels on a side.
-pub(crate) const MAX_LOG2: i8 = 20;
+/// The largest logarithm of a face's columns or rows that is read or written: a million texels on a side.
+pub const MAX_LOG2: i8 = 20;
 
 /// The first 64 bytes of a file, checked.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -31,7 +31,7 @@ pub use check::{Finding, Severity, check};
 pub use editor::Editor;
 pub use error::{Error, ErrorKind, Result};
 pub use filter::{Consistent, FaceBounds, Filter, FilterKind};
-pub use layout::{ExtHeader, Header, LevelInfo, StoredFace};
+pub use layout::{ExtHeader, Header, LevelInfo, MAX_LOG2, StoredFace};
 pub use meta::{Meta, MetaValue};
 pub use reader::{Reader, Texels};
 pub use types::{BorderMode, DataType, EdgeFilter, FaceInfo, MeshType, Neighbour, Res};

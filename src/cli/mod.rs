@@ -62,7 +62,7 @@ enum Command {
     Verify(verify::Verify),
     /// Measure all ways of tracing a scene.
     Bench(bench::Bench),
-    /// Look into Ptex files, and check them.
+    /// Look into Ptex files, check and convert them.
     #[command(subcommand)]
     Ptex(ptex::Ptex),
     /// Print a completion script for a shell.

@@ -1,6 +1,7 @@
 //! `relievo ptex`, one file a command.
 
 mod check;
+mod convert;
 mod eval;
 mod info;
 
@@ -16,6 +17,8 @@ pub(crate) enum Ptex {
     Check(check::Check),
     /// Filter a Ptex file at given places.
     Eval(eval::Eval),
+    /// Make Ptex files from images, images from Ptex files, and other sizes and types.
+    Convert(Box<convert::Convert>),
 }
 
 impl Ptex {
@@ -24,6 +27,7 @@ impl Ptex {
             Self::Info(info) => info.run(),
             Self::Check(check) => check.run(),
             Self::Eval(eval) => eval.run(),
+            Self::Convert(convert) => convert.run(),
         }
     }
 }

@@ -19,14 +19,14 @@ mod texture;
 pub use border::version;
 pub use exr::write_exr;
 pub use picture::{Attribute, Channel, ChannelFormat, Compression, Part, Picture};
-pub use png::write_png;
+pub use png::{write_png, write_png_bytes};
 pub use ptex::{PtexFilter, PtexHeights, PtexOptions, PtexTexture};
 pub use source::{ColorSpace, ImageSource, Wrap};
 pub use temporary::{check_destination, write_whole};
 pub use texture::Texture;
 
 /// The sRGB curve (IEC 61966-2-1): encoded to linear light.
-fn linear_from_srgb(encoded: f32) -> f32 {
+pub(crate) fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.04045 {
         encoded / 12.92
     } else {
@@ -35,7 +35,7 @@ fn linear_from_srgb(encoded: f32) -> f32 {
 }
 
 /// Its inverse: linear light to encoded.
-fn srgb_from_linear(linear: f32) -> f32 {
+pub(crate) fn srgb_from_linear(linear: f32) -> f32 {
     if linear <= 0.003_130_8 {
         linear * 12.92
     } else {

@@ -29,30 +29,72 @@ pub fn write_png(path: &Path, width: u32, height: u32, rgba: &[Vec4]) -> Result<
     })
 }
 
+/// Writes bytes as they are, row 0 on top: grey, grey and alpha, colours, or colours and alpha, as 1 to 4 `channels`
+/// say. `path` appears whole or not at all.
+pub fn write_png_bytes(
+    path: &Path,
+    width: u32,
+    height: u32,
+    channels: usize,
+    bytes: &[u8],
+) -> Result<()> {
+    let names: &[&str] = match channels {
+        1 => &["Y"],
+        2 => &["Y", "A"],
+        3 => &["R", "G", "B"],
+        4 => &["R", "G", "B", "A"],
+        _ => &[],
+    };
+    let row = (width as usize).checked_mul(channels);
+    let expected = row.and_then(|row| row.checked_mul(height as usize));
+    if names.is_empty() || bytes.is_empty() || expected != Some(bytes.len()) {
+        return Err(Error::failed(format!(
+            "cannot write {}: {} bytes for {width} × {height} pixels of {channels} channels",
+            path.display(),
+            bytes.len()
+        )));
+    }
+    write_whole(path, |temporary| {
+        let rows = bytes.chunks_exact(bytes.len() / height as usize);
+        write_rows(temporary, width, height, names, rows).map_err(|refusal| refused(path, &refusal))
+    })
+}
+
 fn write(temporary: &Path, width: u32, height: u32, rgba: &[Vec4]) -> Result<(), Refusal> {
-    let metadata = [
-        (
-            "oiio:ColorSpace".to_owned(),
-            Attribute::Text("sRGB".to_owned()),
-        ),
+    let rows = rgba.chunks_exact(width as usize).map(|row| {
+        let bytes = row.iter().flat_map(|pixel| bytes_from(*pixel));
+        bytes.collect::<Vec<u8>>()
+    });
+    write_rows(temporary, width, height, &["R", "G", "B", "A"], rows)
+}
+
+fn write_rows(
+    temporary: &Path,
+    width: u32,
+    height: u32,
+    channels: &[&str],
+    rows: impl Iterator<Item = impl AsRef<[u8]>>,
+) -> Result<(), Refusal> {
+    let mut metadata = vec![
         // The colours are divided already.
         ("oiio:UnassociatedAlpha".to_owned(), Attribute::Int(1)),
     ];
+    if channels.len() >= 3 {
+        let space = Attribute::Text("sRGB".to_owned());
+        metadata.push(("oiio:ColorSpace".to_owned(), space));
+    }
     let header = Header {
         width,
         height,
         display_window: (width, height, 0, 0),
         tile: 0,
         compression: None,
-        parts: vec![("", ["R", "G", "B", "A"].map(|name| (name, None)).to_vec())],
+        parts: vec![("", channels.iter().map(|name| (*name, None)).collect())],
         metadata: &metadata,
     };
     let mut output = Output::create(temporary, FileFormat::Png, &header)?;
-    let mut packed = Vec::new();
-    for row in rgba.chunks_exact(width as usize) {
-        packed.clear();
-        packed.extend(row.iter().flat_map(|pixel| bytes_from(*pixel)));
-        output.write(1, &packed)?;
+    for row in rows {
+        output.write(1, row.as_ref())?;
     }
     output.finish()
 }

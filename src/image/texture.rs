@@ -160,6 +160,41 @@ impl Texture {
         self.tiles[0].size
     }
 
+    /// Width and height of the image at `st`; none outside of all UDIM tiles.
+    pub fn size_at(&self, st: Vec2) -> Option<[u32; 2]> {
+        if self.udim {
+            self.udim_tile(st).map(|(tile, _)| tile.size)
+        } else {
+            Some(self.size())
+        }
+    }
+
+    /// How many of the first channels of a lookup differ in some tile: 1 for grey, 2, or 3 for colours.
+    pub fn colors(&self) -> usize {
+        let colors = self.tiles.iter().map(|tile| tile.layout.colors()).max();
+        match colors {
+            // Where there is alpha too, two numbers are red and green.
+            Some(2) if self.has_alpha() => 3,
+            colors => colors.unwrap_or(1),
+        }
+    }
+
+    /// Whether a tile has alpha, the last channel of a lookup.
+    pub fn has_alpha(&self) -> bool {
+        let mut layouts = self.tiles.iter().map(|tile| tile.layout);
+        layouts.any(|layout| layout.channels() > layout.colors())
+    }
+
+    /// Bytes that a number has in the file: 1; 2 of halves; 4 of all others. The most of all tiles.
+    pub fn depth(&self) -> usize {
+        let depths = self.tiles.iter().map(|tile| match tile.pixels {
+            Pixels::Byte(_) => 1,
+            Pixels::Half(_) => 2,
+            Pixels::Float(_) => 4,
+        });
+        depths.max().unwrap_or(1)
+    }
+
     /// A texel of the (first) image, linear, row 0 on top; beyond the border: the nearest one.
     pub fn texel(&self, x: u32, y: u32) -> Vec4 {
         let tile = &self.tiles[0];

@@ -111,6 +111,30 @@ impl Subdivision {
         }
     }
 
+    /// Whether it has texture coordinates.
+    pub fn has_texcoords(&self) -> bool {
+        self.texcoords.is_some()
+    }
+
+    /// The texture coordinates at a point of a Ptex face; none where there is no surface.
+    pub fn texcoord_on_ptex(&self, ptex: u32, [u, v]: [f64; 2]) -> Option<Vec2> {
+        let (limit, st) = self.texcoords()?;
+        if limit.is_hole(ptex) {
+            return None;
+        }
+        let value = limit.first_order(&st.field, ptex, u, v).position;
+        Some(Vec3::from(value).truncate())
+    }
+
+    /// The point of the surface, at the first motion key, at a point of a Ptex face; none where there is no surface.
+    pub fn position_on_ptex(&self, ptex: u32, [u, v]: [f64; 2]) -> Option<Vec3> {
+        let seen = !self.limit.is_hole(ptex);
+        seen.then(|| {
+            let point = self.limit.first_order(&self.points[0], ptex, u, v);
+            Vec3::from(point.position)
+        })
+    }
+
     fn first_part(&self, cage_face: u32) -> u32 {
         if self.is_cut {
             self.parents.partition_point(|&parent| parent < cage_face) as u32
