@@ -12,6 +12,7 @@ pub(crate) mod tests;
 mod top;
 mod triangle;
 mod trimmed;
+mod waiting;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 

@@ -5,8 +5,6 @@
 //! [`origin_in`], corner by corner. Two triangles at an edge see the same products of
 //! the same vertices, in one block or in two.
 
-use arrayvec::ArrayVec;
-
 use super::Compact;
 use super::block::{CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
 use super::patch::{Fan, Patch};
@@ -14,8 +12,8 @@ use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::simd::{Body, LANES, Lanes, NARROW};
-use crate::accel::top::{self, Child};
 use crate::accel::triangle::{TriangleHit, origin_in};
+use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met a triangle.
@@ -45,88 +43,6 @@ impl Compact {
 struct Trace<'a, const ANY: bool, const MOVES: bool> {
     compact: &'a Compact,
     ray: &'a Ray,
-}
-
-/// What waits to be visited: each level leaves fifteen of its children behind.
-const MOST_WAITING: usize = 15 * (top::MOST_LEVELS + 1) + 1;
-
-/// An entry of the stack: where the ray enters, above the place; so that integers compare as distances do.
-#[derive(Clone, Copy, PartialEq, PartialOrd)]
-struct Waiting(u64);
-
-/// What waits.
-enum Place {
-    Node(u32),
-    Patch(u32),
-    /// Of the patch at hand.
-    Block(usize),
-}
-
-impl Waiting {
-    const PATCH: u32 = 1 << 31;
-    const NODE: u32 = 1 << 30;
-
-    #[inline(always)]
-    fn child(near: f32, child: Child) -> Self {
-        let place = match child {
-            Child::Patch(patch) => Self::PATCH | patch,
-            Child::Node(node) => Self::NODE | node,
-        };
-        Self(u64::from(near.to_bits()) << 32 | u64::from(place))
-    }
-    #[inline(always)]
-    fn block(near: f32, block: usize) -> Self {
-        Self(u64::from(near.to_bits()) << 32 | block as u64)
-    }
-    #[inline(always)]
-    fn near(self) -> f32 {
-        f32::from_bits((self.0 >> 32) as u32)
-    }
-    #[inline(always)]
-    fn place(self) -> Place {
-        let place = self.0 as u32;
-        if place & Self::PATCH != 0 {
-            Place::Patch(place & !Self::PATCH)
-        } else if place & Self::NODE != 0 {
-            Place::Node(place & !Self::NODE)
-        } else {
-            Place::Block(place as usize)
-        }
-    }
-}
-
-/// What is to be visited, the nearest of each node's children on top.
-#[derive(Default)]
-struct Stack(ArrayVec<Waiting, MOST_WAITING>);
-
-impl Stack {
-    /// The nearest of children, which are given by bits; the others are put aside.
-    #[inline(always)]
-    fn add(&mut self, mut children: u32, waiting: impl Fn(usize) -> Waiting) -> Option<Waiting> {
-        if children == 0 {
-            return None;
-        }
-        let mut nearest = waiting(children.trailing_zeros() as usize);
-        children &= children - 1;
-        let bottom = self.0.len();
-        while children != 0 {
-            let child = waiting(children.trailing_zeros() as usize);
-            children &= children - 1;
-            let farther = if child < nearest {
-                std::mem::replace(&mut nearest, child)
-            } else {
-                child
-            };
-            self.0.push(farther);
-            let mut at = self.0.len() - 1;
-            while at > bottom && self.0[at - 1] < farther {
-                self.0[at] = self.0[at - 1];
-                at -= 1;
-            }
-            self.0[at] = farther;
-        }
-        Some(nearest)
-    }
 }
 
 impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
@@ -164,12 +80,12 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
                     // Before all other patches.
                     if compact.has_node(&walk.fan) {
                         let hits = walk.blocks(lanes, &mut near);
-                        stack.add(hits, |c| Waiting::block(near[c], c))
+                        stack.add(hits, |c| Waiting::part(near[c], c))
                     } else {
-                        Some(Waiting::block(at.near(), 0))
+                        Some(Waiting::part(at.near(), 0))
                     }
                 }
-                Place::Block(block) => {
+                Place::Part(block) => {
                     if let Some(met) = walk.block(lanes, block) {
                         nearest = Some(met);
                         if ANY {
@@ -181,13 +97,8 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
                     None
                 }
             };
-            while next.is_none() {
-                let Some(waiting) = stack.0.pop() else {
-                    return nearest;
-                };
-                if waiting.near() <= walk.ray.t_max {
-                    next = Some(waiting);
-                }
+            if next.is_none() {
+                next = stack.next(walk.ray.t_max);
             }
         }
         nearest

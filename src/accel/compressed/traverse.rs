@@ -5,8 +5,6 @@
 //! passes through the surface anywhere passes through a slab. The ray meets a leaf halfway between the planes along it, or
 //! where it enters or leaves the leaf if that is after or before.
 
-use arrayvec::ArrayVec;
-
 use super::Compressed;
 use super::patch::Patch;
 use super::tile::{CUTS, Cuts, MOST_QUADS, Tile, there};
@@ -14,7 +12,7 @@ use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::simd::{Body, LANES, Lanes, Nibbles};
-use crate::accel::top::{self, Child};
+use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met a leaf.
@@ -42,88 +40,6 @@ impl Compressed {
 struct Trace<'a, const ANY: bool, const MOVES: bool> {
     tree: &'a Compressed,
     ray: &'a Ray,
-}
-
-/// What waits to be visited: each level leaves fifteen of its children behind.
-const MOST_WAITING: usize = 15 * (top::MOST_LEVELS + 1) + 1;
-
-/// An entry of the stack: where the ray enters, above the place; so that integers compare as distances do.
-#[derive(Clone, Copy, PartialEq, PartialOrd)]
-struct Waiting(u64);
-
-/// What waits.
-enum Place {
-    Node(u32),
-    Patch(u32),
-    /// Of the patch at hand.
-    Tile(usize),
-}
-
-impl Waiting {
-    const PATCH: u32 = 1 << 31;
-    const NODE: u32 = 1 << 30;
-
-    #[inline(always)]
-    fn child(near: f32, child: Child) -> Self {
-        let place = match child {
-            Child::Patch(patch) => Self::PATCH | patch,
-            Child::Node(node) => Self::NODE | node,
-        };
-        Self(u64::from(near.to_bits()) << 32 | u64::from(place))
-    }
-    #[inline(always)]
-    fn tile(near: f32, tile: usize) -> Self {
-        Self(u64::from(near.to_bits()) << 32 | tile as u64)
-    }
-    #[inline(always)]
-    fn near(self) -> f32 {
-        f32::from_bits((self.0 >> 32) as u32)
-    }
-    #[inline(always)]
-    fn place(self) -> Place {
-        let place = self.0 as u32;
-        if place & Self::PATCH != 0 {
-            Place::Patch(place & !Self::PATCH)
-        } else if place & Self::NODE != 0 {
-            Place::Node(place & !Self::NODE)
-        } else {
-            Place::Tile(place as usize)
-        }
-    }
-}
-
-/// What is to be visited, the nearest of each node's children on top.
-#[derive(Default)]
-struct Stack(ArrayVec<Waiting, MOST_WAITING>);
-
-impl Stack {
-    /// The nearest of children, which are given by bits; the others are put aside.
-    #[inline(always)]
-    fn add(&mut self, mut children: u32, waiting: impl Fn(usize) -> Waiting) -> Option<Waiting> {
-        if children == 0 {
-            return None;
-        }
-        let mut nearest = waiting(children.trailing_zeros() as usize);
-        children &= children - 1;
-        let bottom = self.0.len();
-        while children != 0 {
-            let child = waiting(children.trailing_zeros() as usize);
-            children &= children - 1;
-            let farther = if child < nearest {
-                std::mem::replace(&mut nearest, child)
-            } else {
-                child
-            };
-            self.0.push(farther);
-            let mut at = self.0.len() - 1;
-            while at > bottom && self.0[at - 1] < farther {
-                self.0[at] = self.0[at - 1];
-                at -= 1;
-            }
-            self.0[at] = farther;
-        }
-        Some(nearest)
-    }
 }
 
 impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
@@ -161,13 +77,13 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
                     walk.patch = &tree.patches[number as usize];
                     // Before all other patches.
                     if walk.patch.is_single() {
-                        Some(Waiting::tile(at.near(), 0))
+                        Some(Waiting::part(at.near(), 0))
                     } else {
                         let hits = walk.tiles(lanes, &mut near);
-                        stack.add(hits, |c| Waiting::tile(near[c], c))
+                        stack.add(hits, |c| Waiting::part(near[c], c))
                     }
                 }
-                Place::Tile(tile) => {
+                Place::Part(tile) => {
                     if let Some(met) = walk.tile(lanes, tile) {
                         nearest = Some(met);
                         if ANY {
@@ -179,13 +95,8 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
                     None
                 }
             };
-            while next.is_none() {
-                let Some(waiting) = stack.0.pop() else {
-                    return nearest;
-                };
-                if waiting.near() <= walk.ray.t_max {
-                    next = Some(waiting);
-                }
+            if next.is_none() {
+                next = stack.next(walk.ray.t_max);
             }
         }
         nearest
