@@ -386,34 +386,6 @@ pub struct PreviewSurface {
     pub occlusion: Input<f32>,
 }
 
-impl PreviewSurface {
-    /// The Ptex files that its inputs read.
-    pub fn ptex_maps(&self) -> Vec<&PtexMap> {
-        fn of<T>(input: &Input<T>) -> Option<&PtexMap> {
-            match input {
-                Input::Ptex(map) => Some(map),
-                _ => None,
-            }
-        }
-        let colors = [
-            &self.diffuse_color,
-            &self.emissive_color,
-            &self.specular_color,
-        ];
-        let numbers = [
-            &self.metallic,
-            &self.roughness,
-            &self.clearcoat,
-            &self.clearcoat_roughness,
-            &self.opacity,
-            &self.ior,
-            &self.displacement,
-        ];
-        let colors = colors.into_iter().filter_map(of);
-        colors.chain(numbers.into_iter().filter_map(of)).collect()
-    }
-}
-
 impl Default for PreviewSurface {
     fn default() -> Self {
         Self {

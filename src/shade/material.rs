@@ -28,6 +28,9 @@ pub struct Resolved {
 pub struct Material {
     inputs: Inputs,
     texels: Vec<Placed>,
+    /// The texel that opacity is, which is looked up no wider than a texel: what is cut out stays cut out wherever it is
+    /// seen from, and the colours that a cut-out image hides beside it do not run into it.
+    sharp: Option<usize>,
     /// Of its texels and inputs.
     reads: Vec<Read>,
     /// What it resolves to everywhere, if nothing varies.
@@ -128,6 +131,10 @@ impl Material {
             normal: surface.normal.as_ref().map(|map| sources.texel(map)),
         };
         let mut material = Self {
+            sharp: match inputs.opacity {
+                Source::Texel(number, _) => Some(number),
+                Source::Value(_) | Source::Primvar { .. } => None,
+            },
             inputs,
             texels: sources.texels,
             reads: sources.reads,
@@ -148,7 +155,7 @@ impl Material {
         let inputs = &self.inputs;
         let mut point = Point {
             primvars,
-            texels: &self.texels,
+            material: self,
             seen: [None; MOST_TEXELS],
         };
         let diffuse_color = non_negative(point.get(&inputs.diffuse_color));
@@ -192,7 +199,7 @@ impl Material {
     pub fn displacement(&self, primvars: &dyn Primvars) -> f32 {
         let mut point = Point {
             primvars,
-            texels: &self.texels,
+            material: self,
             seen: [None; MOST_TEXELS],
         };
         let x = point.get(&self.inputs.displacement).x;
@@ -317,7 +324,7 @@ impl Source {
 /// One point, and the texels that were looked up there: inputs that share an image look once.
 struct Point<'a> {
     primvars: &'a dyn Primvars,
-    texels: &'a [Placed],
+    material: &'a Material,
     seen: [Option<Option<glam::Vec4>>; MOST_TEXELS],
 }
 
@@ -326,8 +333,10 @@ impl Point<'_> {
         match source {
             Source::Value(v) => *v,
             Source::Texel(number, output) => {
+                let Material { texels, sharp, .. } = self.material;
+                let sharp = *sharp == Some(*number);
                 let texel = *self.seen[*number]
-                    .get_or_insert_with(|| self.texels[*number].eval(self.primvars));
+                    .get_or_insert_with(|| texels[*number].eval(self.primvars, sharp));
                 output.of(texel)
             }
             Source::Primvar {

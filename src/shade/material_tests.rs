@@ -3,7 +3,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
 
 use super::*;
-use crate::math::{Vec2, Vec4};
+use crate::math::{Area, Vec2, Vec4};
 use crate::scene::{Channels, Transform2d};
 use crate::shade::texture_map::Lookup;
 
@@ -12,7 +12,7 @@ use crate::shade::texture_map::Lookup;
 struct Ramp(AtomicUsize);
 
 impl Lookup for Ramp {
-    fn eval(&self, st: Vec2) -> Vec4 {
+    fn eval(&self, st: Vec2, _: &Area) -> Vec4 {
         self.0.fetch_add(1, Ordering::Relaxed);
         Vec4::new(st.x, st.y, 0.5, 1.0)
     }

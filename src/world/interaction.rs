@@ -1,7 +1,9 @@
 //! A point of a surface as the path tracer sees it.
 
+use std::cell::OnceCell;
+
 use super::World;
-use crate::math::{Frame, Ray, Vec2, Vec3};
+use crate::math::{Area, Cone, Frame, Ray, Vec2, Vec3};
 use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
 use crate::shade::texture_map::Primvars;
 use crate::trace::{Geometry, SceneHit};
@@ -28,7 +30,8 @@ pub struct Interaction {
     pub opacity: f32,
     /// Radiance that the surface itself emits.
     pub emission: Vec3,
-    t: f32,
+    /// From the ray's origin, in lengths of its direction.
+    pub t: f32,
     error: f32,
     params: SurfaceParams,
 }
@@ -68,7 +71,14 @@ impl Interaction {
 const RELATIVE_ERROR: f32 = 8e-6;
 
 impl World {
-    pub(super) fn interaction(&self, number: u32, ray: &Ray, hit: &SceneHit) -> Interaction {
+    /// `ray`'s direction is unit if `cone` is any wider than a line.
+    pub(super) fn interaction(
+        &self,
+        number: u32,
+        ray: &Ray,
+        cone: Cone,
+        hit: &SceneHit,
+    ) -> Interaction {
         let placed = &self.placed[number as usize];
         let shape = &self.shapes[placed.shape as usize];
         let mut moved = None;
@@ -138,6 +148,11 @@ impl World {
             place,
             geometry,
             placed_color: placed.display_color,
+            width: cone.at(hit.t),
+            direction: ray.direction,
+            slopes: point.derivatives,
+            space,
+            area: OnceCell::new(),
         };
         let resolved = worn.material.resolve(&primvars);
         if let Some(map) = resolved.normal {
@@ -203,6 +218,53 @@ struct Lookup<'a> {
     place: Place,
     geometry: &'a Geometry,
     placed_color: Option<[f32; 3]>,
+    /// Across the ray that hit, scene units.
+    width: f32,
+    /// Of the ray, unit, world space.
+    direction: Vec3,
+    /// Derivatives of the position by the parameters of the place, object space.
+    slopes: [Vec3; 2],
+    space: Option<&'a Space>,
+    /// See [`Lookup::area`].
+    area: OnceCell<Area>,
+}
+
+impl Lookup<'_> {
+    /// What the ray covers, in the parameters of the place.
+    fn area(&self) -> &Area {
+        self.area.get_or_init(|| {
+            let slopes = (self.slopes).map(|d| self.space.map_or(d, |s| s.vector_to_world(d)));
+            covered(self.width, self.direction, slopes)
+        })
+    }
+}
+
+/// What a ray of this width covers of the plane that the derivatives `du` and `dv` of its points span, in its parameters:
+/// the axes of the ellipse in which it cuts a round ray. The ray's direction is unit.
+///
+/// Akenine-Möller, Crassin, Boksansky, Belcour, Panteleev and Wright, "Improved Shader and Texture Level of Detail Using
+/// Ray Cones" (JCGT 10, 2021), section 4.
+fn covered(width: f32, direction: Vec3, [du, dv]: [Vec3; 2]) -> Area {
+    /// Nearer to the horizon nothing gets longer.
+    const LEAST_COSINE: f32 = 1e-3;
+    let normal = du.cross(dv);
+    let squared = normal.length_squared();
+    if width <= 0.0 || squared == 0.0 || !squared.is_finite() {
+        return Area::POINT;
+    }
+    let unit = normal / squared.sqrt();
+    // Looked at squarely, all directions are alike.
+    let across = (unit.cross(direction).try_normalize())
+        .or_else(|| du.try_normalize())
+        .unwrap_or(Vec3::ZERO);
+    let cosine = unit.dot(direction).abs().max(LEAST_COSINE);
+    let axes = [width * across, width / cosine * unit.cross(across)];
+    let area = axes.map(|x| Vec2::new(x.cross(dv).dot(normal), du.cross(x).dot(normal)) / squared);
+    if area.iter().all(|a| a.is_finite()) {
+        Area(area)
+    } else {
+        Area::POINT
+    }
 }
 
 impl Primvars for Lookup<'_> {
@@ -216,7 +278,27 @@ impl Primvars for Lookup<'_> {
         true
     }
 
+    fn coordinates(&self, read: usize) -> Option<(Vec2, Area)> {
+        match self.found[read].slot {
+            Some(slot) if self.width > 0.0 => {
+                let (st, slopes) = self.shape.coordinates(self.geometry, slot, self.place);
+                Some((st, self.area().mapped(slopes)))
+            }
+            _ => {
+                let mut st = [0.0; 2];
+                self.get(read, &mut st).then(|| (st.into(), Area::POINT))
+            }
+        }
+    }
+
     fn ptex(&self) -> Option<(u32, Vec2)> {
         self.shape.ptex(self.place)
+    }
+
+    fn ptex_area(&self) -> Area {
+        if self.width <= 0.0 {
+            return Area::POINT;
+        }
+        self.area().mapped(self.shape.ptex_slopes(self.place))
     }
 }

@@ -156,6 +156,43 @@ impl Shape {
         }
     }
 
+    /// Texture coordinates that a slot holds, with their derivatives by the parameters of the place.
+    pub(super) fn coordinates(
+        &self,
+        geometry: &Geometry,
+        slot: usize,
+        place: Place,
+    ) -> (Vec2, [Vec2; 2]) {
+        let st = |uv: Vec2| {
+            let mut out = [0.0; 2];
+            self.primvar(geometry, slot, Place { uv, ..place }, &mut out);
+            Vec2::from(out)
+        };
+        match &self.surface {
+            Surface::Smooth(Smooth { carrier, .. }) => {
+                match carrier.primvar_first_slopes(slot, place.face, place.uv) {
+                    Some(known) => (known.st, [known.du, known.dv]),
+                    None => (st(place.uv), [Vec2::ZERO; 2]),
+                }
+            }
+            Surface::Subdivision { .. } => (st(place.uv), self.differences(geometry, slot, place)),
+            // Linear over a triangle.
+            Surface::Polygons(_) => {
+                let first = st(Vec2::ZERO);
+                (st(place.uv), [Vec2::X, Vec2::Y].map(|uv| st(uv) - first))
+            }
+        }
+    }
+
+    /// The derivatives of the parameters on the Ptex face by those of the place.
+    pub(super) fn ptex_slopes(&self, Place { face, uv }: Place) -> [Vec2; 2] {
+        match &self.surface {
+            Surface::Smooth(Smooth { carrier, .. }) => carrier.ptex_slopes(face, uv),
+            // Embree's faces and sub-faces are Ptex faces.
+            Surface::Subdivision { .. } | Surface::Polygons(_) => [Vec2::X, Vec2::Y],
+        }
+    }
+
     /// Directions in which the texture coordinates that a slot holds grow, object space.
     pub(super) fn tangents(
         &self,

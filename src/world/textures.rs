@@ -9,7 +9,7 @@ use relievo_ptex::{Cache, MeshType};
 use super::build::BuildOptions;
 use crate::error::{Fault, Result, Warnings};
 use crate::image::{PtexTexture, Texture};
-use crate::math::{Vec2, Vec3};
+use crate::math::{Area, Vec2, Vec3};
 use crate::mesh::{Scheme, ptex_face_count, ptex_kind};
 use crate::scene::{
     self, ColorSpace, Description, Input, PreviewSurface, PtexFilter, PtexMap, PtexOptions,
@@ -188,13 +188,13 @@ fn displacement_map(surface: &PreviewSurface) -> Option<&PtexMap> {
 }
 
 impl Lookup for Texture {
-    fn eval(&self, st: Vec2) -> Vec4 {
-        Self::eval(self, st)
+    fn eval(&self, st: Vec2, area: &Area) -> Vec4 {
+        self.filtered(st, area)
     }
 }
 
 impl FaceLookup for PtexTexture {
-    fn eval(&self, face: u32, uv: Vec2) -> Vec4 {
+    fn eval(&self, face: u32, uv: Vec2, _: &Area) -> Vec4 {
         Self::eval(self, face, uv)
     }
 }
@@ -235,11 +235,13 @@ fn load_images(
             if options.clay.is_some() && !serves_clay(description, i) {
                 return Ok(Texture::constant(Vec4::ONE));
             }
-            Texture::load(
-                &source.image,
-                [source.wrap_s, source.wrap_t],
-                source.color_space,
-            )
+            let load = if options.clay.is_none() && is_shaded(description, i) {
+                Texture::load_levels
+            } else {
+                Texture::load
+            };
+            let wrap = [source.wrap_s, source.wrap_t];
+            load(&source.image, wrap, source.color_space)
         })
         .collect();
     loaded
@@ -252,6 +254,12 @@ fn load_images(
             Ok(Arc::new(texture))
         })
         .collect()
+}
+
+/// Whether a material looks it up as wide as rays are: displacement and lights do not.
+fn is_shaded(description: &Description, texture: usize) -> bool {
+    let surfaces = description.materials.iter().map(|m| &m.surface);
+    (surfaces.flat_map(PreviewSurface::shading_images)).any(|map| map.texture == texture)
 }
 
 fn serves_clay(description: &Description, texture: usize) -> bool {
