@@ -5,6 +5,9 @@ use std::process::Command;
 
 use relievo::image::{Channel, ChannelFormat, Compression, Part, Picture, write_exr};
 use relievo::math::Vec3;
+use relievo::mesh::{ptex_face_count, ptex_faces, ptex_kind};
+use relievo::scene::{Geometry, LoadOptions, load};
+use relievo_ptex::{DataType, Format, Res, Writer};
 
 use crate::common::{mean, options, read, run, write_scene};
 
@@ -296,4 +299,113 @@ fn what_is_cut_out_stays_cut_out() {
         &(body + &wall("none", 200.0, 3.0)),
     );
     assert_eq!(level(&scene, 1), 0.0);
+}
+
+/// A wall of 4 x 4 faces across the camera's view, which glows as a Ptex file says; faces have 2 to 128 texels a side.
+fn ptex_wall(
+    folder: &Path,
+    distance: f64,
+    filter: &str,
+    texel: impl Fn(usize, [f32; 2]) -> f32,
+) -> PathBuf {
+    let node = |text: &str| {
+        let (before, rest) = text.split_once("    def Shader \"Image\"").expect("a node");
+        let (_, after) = rest
+            .split_once("def Material \"Mirror\"")
+            .expect("a material");
+        format!(
+            "{before}    def Shader \"Image\" {{\n        uniform token info:id = \"RelievoPtexTexture\"\n        \
+             asset inputs:file = @./wall.ptx@\n        token inputs:filter = \"{filter}\"\n        \
+             color3f outputs:rgb\n    }}\n}}\ndef Material \"Mirror\"{after}"
+        )
+    };
+    let side = 2.0 * distance;
+    let points = (0..25).map(|i| {
+        let at = |i: i32| side * (f64::from(i) / 4.0 - 0.5);
+        format!("({}, {}, {})", at(i % 5), at(i / 5), -distance)
+    });
+    let faces = (0..16).map(|i| {
+        let first = i % 4 + i / 4 * 5;
+        format!("{}, {}, {}, {}", first, first + 1, first + 6, first + 5)
+    });
+    let mesh = format!(
+        r#"
+def Mesh "Wall" (prepend apiSchemas = ["MaterialBindingAPI"]) {{
+    rel material:binding = </Glow>
+    uniform token subdivisionScheme = "bilinear"
+    int[] faceVertexCounts = {:?}
+    int[] faceVertexIndices = [{}]
+    point3f[] points = [{}]
+}}
+"#,
+        [4; 16],
+        faces.collect::<Vec<_>>().join(", "),
+        points.collect::<Vec<_>>().join(", "),
+    );
+    let body = node(SCENE).replace("CAMERA", STRAIGHT) + &mesh;
+    let scene = write_scene(folder, "ptex.usda", &body);
+    let description = load(&scene, &LoadOptions::default()).expect("a scene");
+    let Geometry::Mesh(mesh) = &description.shapes[0].geometry else {
+        panic!("not a mesh");
+    };
+    let format = Format::new(ptex_kind(mesh), DataType::F32, 3);
+    let mut writer = Writer::new(format, ptex_face_count(mesh)).expect("a format");
+    for (number, face) in ptex_faces(mesh).into_iter().enumerate() {
+        let log = [1, 7, 3, 5][(number + number / 4) % 4];
+        let n = 1 << log;
+        let middle = |i: usize| (i as f32 + 0.5) / n as f32;
+        let texels = (0..n * n).flat_map(|i| [texel(number, [middle(i % n), middle(i / n)]); 3]);
+        let res = Res {
+            ulog2: log,
+            vlog2: log,
+        };
+        let bytes: Vec<u8> = texels.flat_map(f32::to_le_bytes).collect();
+        let stored = writer.face(number as u32, &face.info(res), &bytes);
+        stored.expect("texels of that size");
+    }
+    writer.write(folder.join("wall.ptx")).expect("a file");
+    scene
+}
+
+#[test]
+fn ptex_is_reduced_from_afar() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // The finest texels alternate; a pixel is 8 x 8 of those that are finest.
+    let finest = |x: f32| (x * 128.0) as usize;
+    for filter in ["bilinear", "box", "gaussian", "mitchell"] {
+        let scene = ptex_wall(folder.path(), 32.0, filter, |face, [u, v]| {
+            if (face + face / 4) % 4 == 1 {
+                ((finest(u) + finest(v)) % 2) as f32
+            } else {
+                0.5
+            }
+        });
+        for (footprint, mixed) in [(1.0, true), (0.0, false)] {
+            let pixels = pixels(&scene, 1, footprint);
+            let off = pixels.iter().map(|p| (p.x - 0.5).abs()).fold(0.0, f32::max);
+            println!("{filter}, {footprint}: {off}");
+            assert_eq!(off < 0.01, mixed, "{filter}, {footprint}: {off}");
+        }
+    }
+}
+
+#[test]
+fn ptex_has_no_seams_from_afar() {
+    let folder = tempfile::tempdir().expect("a folder");
+    // A ramp from left to right over all faces. Where it meets a face of two texels, it is flat and then steep.
+    let ramp = |face: usize, [u, _]: [f32; 2]| ((face % 4) as f32 + u) / 4.0;
+    for filter in ["bilinear", "gaussian"] {
+        let scene = ptex_wall(folder.path(), 32.0, filter, ramp);
+        let steepest = |footprint: f32| {
+            let pixels = pixels(&scene, 1, footprint);
+            let inner = (0..64 * 64).filter(|i| (8..56).contains(&(i % 64)));
+            let steps = inner.map(|i| 64.0 * (pixels[i + 1].x - pixels[i].x));
+            steps.map(|step| (step - 1.0).abs()).fold(0.0, f32::max)
+        };
+        let off = [0.0, 1.0, 2.0, 4.0].map(steepest);
+        println!("{filter}: {off:?}");
+        // A seam would be steeper than what is seen one texel wide; half a face would be 8.
+        assert!(off.is_sorted_by(|a, b| a > b), "{filter}: {off:?}");
+        assert!(off[0] < 3.0, "{filter}: {off:?}");
+    }
 }

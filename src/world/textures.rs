@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use glam::Vec4;
 use rayon::prelude::*;
-use relievo_ptex::{Cache, MeshType};
+use relievo_ptex::{Cache, MeshType, Reader};
 
 use super::build::BuildOptions;
 use crate::error::{Fault, Result, Warnings};
-use crate::image::{PtexTexture, Texture};
+use crate::image::{ImageSource, PtexTexture, Texture};
 use crate::math::{Area, Vec2, Vec3};
 use crate::mesh::{Scheme, ptex_face_count, ptex_kind};
 use crate::scene::{
@@ -32,7 +32,7 @@ pub(super) struct Textures {
 }
 
 impl Textures {
-    /// Reads images whole, and opens Ptex files.
+    /// Reads images whole, and opens Ptex files, each of them once.
     ///
     /// # Errors
     /// What cannot be read, unless the options have a colour instead.
@@ -45,10 +45,21 @@ impl Textures {
         let cache = Cache::new(PTEX_CACHE);
         let mut ptex = Vec::new();
         let mut heights = Vec::new();
+        let mut readers: Vec<(&ImageSource, Result<Reader, Fault>)> = Vec::new();
         for (i, source) in description.ptex.iter().enumerate() {
+            // However it is read, a file is open once, and its texels are held once.
+            let known = readers
+                .iter()
+                .position(|(image, _)| **image == source.image);
+            let number = known.unwrap_or_else(|| {
+                readers.push((&source.image, PtexTexture::open(&source.image, &cache)));
+                readers.len() - 1
+            });
+            let reader = &readers[number].1;
             let mut open = |how: &PtexOptions| {
                 let constant = |value| Arc::new(PtexTexture::constant(value));
-                PtexTexture::open(&source.image, how, &cache).map_or_else(
+                let texture = (reader.clone()).and_then(|reader| PtexTexture::new(reader, how));
+                texture.map_or_else(
                     |fault| missing(fault, &source.prim, options, warnings).map(constant),
                     |texture| Ok(Arc::new(texture)),
                 )
@@ -194,8 +205,8 @@ impl Lookup for Texture {
 }
 
 impl FaceLookup for PtexTexture {
-    fn eval(&self, face: u32, uv: Vec2, _: &Area) -> Vec4 {
-        Self::eval(self, face, uv)
+    fn eval(&self, face: u32, uv: Vec2, area: &Area) -> Vec4 {
+        Self::eval(self, face, uv, area)
     }
 }
 
