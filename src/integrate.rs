@@ -181,10 +181,11 @@ pub fn path(
             return out;
         }
         rays.scattered += 1;
-        let lobe = options.footprint * (4.0 / (PI * sample.pdf)).sqrt();
+        let lobe = options.footprint * options.footprint * 4.0 / (PI * sample.pdf);
+        let spread = (cone.spread * cone.spread + lobe).sqrt();
         cone = Cone {
             width: cone.at(interaction.t),
-            spread: cone.spread.hypot(lobe).min(WIDEST_SPREAD.max(cone.spread)),
+            spread: spread.min(WIDEST_SPREAD.max(cone.spread)),
         };
         let origin = interaction.leave(sample.wi);
         last = Some(Scattering {

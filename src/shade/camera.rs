@@ -158,7 +158,7 @@ impl Camera {
                 let slant = self.on_film(film).length_squared() + 1.0;
                 Cone {
                     width: 0.0,
-                    spread: side * slant.powf(-0.75),
+                    spread: side / (slant * slant.sqrt()).sqrt(),
                 }
             }
             Projection::Orthographic => {

@@ -149,8 +149,8 @@ impl World {
             geometry,
             placed_color: placed.display_color,
             width: cone.at(hit.t),
-            direction: ray.direction,
-            slopes: point.derivatives,
+            ray,
+            slopes: &point.derivatives,
             space,
             area: OnceCell::new(),
         };
@@ -220,10 +220,9 @@ struct Lookup<'a> {
     placed_color: Option<[f32; 3]>,
     /// Across the ray that hit, scene units.
     width: f32,
-    /// Of the ray, unit, world space.
-    direction: Vec3,
+    ray: &'a Ray,
     /// Derivatives of the position by the parameters of the place, object space.
-    slopes: [Vec3; 2],
+    slopes: &'a [Vec3; 2],
     space: Option<&'a Space>,
     /// See [`Lookup::area`].
     area: OnceCell<Area>,
@@ -234,7 +233,7 @@ impl Lookup<'_> {
     fn area(&self) -> &Area {
         self.area.get_or_init(|| {
             let slopes = (self.slopes).map(|d| self.space.map_or(d, |s| s.vector_to_world(d)));
-            covered(self.width, self.direction, slopes)
+            covered(self.width, self.ray.direction, slopes)
         })
     }
 }
