@@ -379,8 +379,8 @@ pub struct PreviewSurface {
     pub opacity: Input<f32>,
     pub opacity_threshold: f32,
     pub ior: Input<f32>,
-    /// Tangent space, already scaled and biased to -1..1 by the texture map.
-    pub normal: Option<TextureMap>,
+    /// Tangent space, already scaled and biased to -1..1 by the map.
+    pub normal: Option<NormalMap>,
     /// Along the normal, scene units in the object's space.
     pub displacement: Input<f32>,
     pub occlusion: Input<f32>,
@@ -442,6 +442,15 @@ pub struct TextureMap {
     pub bias: Vec4,
     /// The four channels where the texture is missing, or where the surface has no such primvar.
     pub fallback: Vec4,
+}
+
+/// Where normals come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NormalMap {
+    /// An image: x runs along the texture's s.
+    Image(TextureMap),
+    /// A Ptex file: x runs along the u of the Ptex face.
+    Ptex(PtexMap),
 }
 
 /// What an input takes of a Ptex file: texel x `scale` + `bias`.

@@ -1,7 +1,16 @@
 //! Which images and Ptex files a material reads.
 
-use super::{Input, PreviewSurface, PtexMap, TextureMap};
+use super::{Description, Input, NormalMap, PreviewSurface, PtexMap, TextureMap};
 use crate::math::Vec3;
+
+impl Description {
+    /// Whether the shading of any material reads an image: displacement and lights do not count.
+    pub fn is_shaded_by(&self, texture: usize) -> bool {
+        let surfaces = self.materials.iter().map(|m| &m.surface);
+        let mut images = surfaces.flat_map(PreviewSurface::shading_images);
+        images.any(|map| map.texture == texture)
+    }
+}
 
 impl PreviewSurface {
     /// The images that its inputs read, but for its displacement.
@@ -13,7 +22,9 @@ impl PreviewSurface {
             }
         }
         let mut maps = self.shading_maps(of, of);
-        maps.extend(&self.normal);
+        if let Some(NormalMap::Image(map)) = &self.normal {
+            maps.push(map);
+        }
         maps
     }
 
@@ -27,6 +38,9 @@ impl PreviewSurface {
         }
         let mut maps = self.shading_maps(of, of);
         maps.extend(of(&self.displacement));
+        if let Some(NormalMap::Ptex(map)) = &self.normal {
+            maps.push(map);
+        }
         maps
     }
 

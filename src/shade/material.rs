@@ -5,7 +5,7 @@
 use super::bsdf::SurfaceParams;
 use super::texture_map::{Lookups, Output, Placed, Primvars, Read, number};
 use crate::math::Vec3;
-use crate::scene::{self, Input, PreviewSurface, TextureMap};
+use crate::scene::{self, Input, NormalMap, PreviewSurface, PtexMap, TextureMap};
 
 /// At most this many different texels make a material: it has that many inputs.
 const MOST_TEXELS: usize = 11;
@@ -21,6 +21,15 @@ pub struct Resolved {
     pub opacity: f32,
     /// The normal in tangent space, unit; `None` where no map says otherwise, or where a map says nonsense.
     pub normal: Option<Vec3>,
+}
+
+/// What a normal map's tangent space follows: its x and y run as these grow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tangents {
+    /// Texture coordinates, by the number of the read.
+    OfRead(usize),
+    /// The parameters of the Ptex face.
+    OfFace,
 }
 
 /// A material, ready to be asked from any thread.
@@ -128,7 +137,10 @@ impl Material {
             opacity: sources.number(&surface.opacity),
             ior: sources.number(&surface.ior),
             displacement: sources.height(&surface.displacement),
-            normal: surface.normal.as_ref().map(|map| sources.texel(map)),
+            normal: surface.normal.as_ref().map(|map| match map {
+                NormalMap::Image(map) => sources.texel(map),
+                NormalMap::Ptex(map) => sources.face_texel(map),
+            }),
         };
         let mut material = Self {
             sharp: match inputs.opacity {
@@ -221,9 +233,15 @@ impl Material {
         self.names([&self.inputs.displacement].into_iter())
     }
 
-    /// The read whose directions the normal map's tangent space follows, if there is such a map.
-    pub fn normal_read(&self) -> Option<usize> {
-        self.inputs.normal.as_ref().and_then(|n| self.read(n))
+    /// What the normal map's tangent space follows, if there is such a map.
+    pub fn tangents(&self) -> Option<Tangents> {
+        let Source::Texel(number, _) = self.inputs.normal.as_ref()? else {
+            return None;
+        };
+        match &self.texels[*number] {
+            Placed::Ptex { .. } => Some(Tangents::OfFace),
+            image => image.read().map(Tangents::OfRead),
+        }
     }
 
     /// Whether any displacement but 0 is possible.
@@ -408,16 +426,18 @@ impl Sources<'_> {
         match input {
             Input::Value(value) => Source::Value(splat(*value)),
             Input::Texture(map) => self.texel(map),
-            Input::Ptex(map) => {
-                let placed = Placed::ptex(map, self.lookups, false);
-                self.placed(placed, Output::ptex(map))
-            }
+            Input::Ptex(map) => self.face_texel(map),
             Input::Primvar { name, fallback } => Source::Primvar {
                 read: number(&mut self.reads, name, components),
                 components,
                 fallback: splat(*fallback),
             },
         }
+    }
+
+    fn face_texel(&mut self, map: &PtexMap) -> Source {
+        let placed = Placed::ptex(map, self.lookups, false);
+        self.placed(placed, Output::ptex(map))
     }
 
     fn texel(&mut self, map: &TextureMap) -> Source {

@@ -5,6 +5,7 @@ use std::cell::OnceCell;
 use super::World;
 use crate::math::{Area, Cone, Frame, Ray, Vec2, Vec3};
 use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
+use crate::shade::material::Tangents;
 use crate::shade::texture_map::Primvars;
 use crate::trace::{Geometry, SceneHit};
 
@@ -156,17 +157,21 @@ impl World {
         };
         let resolved = worn.material.resolve(&primvars);
         if let Some(map) = resolved.normal {
-            shading_normal = (worn.material.normal_read())
-                .and_then(|read| shape.tangents(geometry, worn.found[read].slot?, place, &point))
-                .map_or(shading_normal, |tangents| {
-                    bumped(
-                        shading_normal,
-                        geometric_normal,
-                        map,
-                        tangents.map(|t| space.map_or(t, |space| space.vector_to_world(t))),
-                        towards,
-                    )
-                });
+            let tangents = match worn.material.tangents() {
+                Some(Tangents::OfRead(read)) => (worn.found[read].slot)
+                    .and_then(|slot| shape.tangents(geometry, slot, place, &point)),
+                Some(Tangents::OfFace) => shape.face_tangents(place, &point),
+                None => None,
+            };
+            shading_normal = tangents.map_or(shading_normal, |tangents| {
+                bumped(
+                    shading_normal,
+                    geometric_normal,
+                    map,
+                    tangents.map(|t| space.map_or(t, |space| space.vector_to_world(t))),
+                    towards,
+                )
+            });
         }
         shading_normal = bent_towards(shading_normal, -ray.direction);
         Interaction {
@@ -184,7 +189,7 @@ impl World {
     }
 }
 
-/// Tilts `normal` by a tangent-space normal map whose x runs along the texture's s.
+/// Tilts `normal` by a tangent-space normal map whose x runs along the texture's s, or the Ptex face's u.
 fn bumped(
     normal: Vec3,
     geometric: Vec3,

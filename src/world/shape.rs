@@ -210,14 +210,12 @@ impl Shape {
                 self.differences(geometry, slot, place)
             }
         };
-        let determinant = along_u.perp_dot(along_v);
-        if determinant.abs() < 1e-20 {
-            return None;
-        }
-        let [du, dv] = point.derivatives;
-        let along_s = (du * along_v.y - dv * along_u.y) / determinant;
-        let along_t = (dv * along_u.x - du * along_v.x) / determinant;
-        Some([along_s, along_t])
+        growing(point, [along_u, along_v])
+    }
+
+    /// Directions in which the parameters of the Ptex face grow, object space.
+    pub(super) fn face_tangents(&self, place: Place, point: &Point) -> Option<[Vec3; 2]> {
+        growing(point, self.ptex_slopes(place))
     }
 
     /// Derivatives of texture coordinates over a small step in the face's own parameters.
@@ -239,6 +237,18 @@ impl Shape {
             (st(uv + Vec2::new(0.0, step.y)) - here) / step.y,
         ]
     }
+}
+
+/// Directions in which coordinates grow that have these derivatives by the parameters of a point's place.
+fn growing(point: &Point, [along_u, along_v]: [Vec2; 2]) -> Option<[Vec3; 2]> {
+    let determinant = along_u.perp_dot(along_v);
+    if determinant.abs() < 1e-20 {
+        return None;
+    }
+    let [du, dv] = point.derivatives;
+    let along_s = (du * along_v.y - dv * along_u.y) / determinant;
+    let along_t = (dv * along_u.x - du * along_v.x) / determinant;
+    Some([along_s, along_t])
 }
 
 impl Surface {

@@ -246,7 +246,8 @@ fn load_images(
             if options.clay.is_some() && !serves_clay(description, i) {
                 return Ok(Texture::constant(Vec4::ONE));
             }
-            let load = if options.clay.is_none() && is_shaded(description, i) {
+            // What else reads images looks them up one texel wide.
+            let load = if options.clay.is_none() && description.is_shaded_by(i) {
                 Texture::load_levels
             } else {
                 Texture::load
@@ -265,12 +266,6 @@ fn load_images(
             Ok(Arc::new(texture))
         })
         .collect()
-}
-
-/// Whether a material looks it up as wide as rays are: displacement and lights do not.
-fn is_shaded(description: &Description, texture: usize) -> bool {
-    let surfaces = description.materials.iter().map(|m| &m.surface);
-    (surfaces.flat_map(PreviewSurface::shading_images)).any(|map| map.texture == texture)
 }
 
 fn serves_clay(description: &Description, texture: usize) -> bool {
