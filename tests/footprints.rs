@@ -279,6 +279,36 @@ fn mirrors_keep_the_width_of_rays_and_plaster_spreads_them() {
     }
 }
 
+#[test]
+fn any_number_of_threads_gives_the_same_picture() {
+    let folder = tempfile::tempdir().expect("a folder");
+    write_grey(&folder.path().join("dots.exr"), 4, &[0.0, 0.5, 2.0, 1.0]);
+    let corners = [
+        [-50.0, -1.0, 1.0],
+        [50.0, -1.0, 1.0],
+        [50.0, -1.0, -90.0],
+        [-50.0, -1.0, -90.0],
+    ];
+    let plane = rectangle("Plane", "catmullClark", corners, 0.7, "Glow");
+    let front = rectangle(
+        "Front",
+        "none",
+        corners.map(|[x, y, z]| [x, y + 2.0, z]),
+        1.0,
+        "Mirror",
+    );
+    let scene = scene(folder.path(), "dots.exr", STRAIGHT, &(plane + &front));
+    let picture = scene.with_extension("exr");
+    let [one, many] = [1, 3].map(|threads| {
+        let mut options = options(&scene, &picture);
+        options.spp = 4;
+        options.threads = threads;
+        run(&options);
+        read(&picture).2
+    });
+    assert!(mean(&one).x > 0.1 && one == many);
+}
+
 /// Opacity, and what else is in its image, is as sharp from afar as from near.
 #[test]
 fn what_is_cut_out_stays_cut_out() {

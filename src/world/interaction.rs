@@ -306,3 +306,33 @@ impl Primvars for Lookup<'_> {
         self.area().mapped(self.shape.ptex_slopes(self.place))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ray_covers_the_ellipse_that_the_plane_cuts() {
+        let slopes = [Vec3::new(2.0, 0.0, 0.1), Vec3::new(-0.5, 0.0, 3.0)];
+        let normal = slopes[0].cross(slopes[1]);
+        for direction in [
+            Vec3::NEG_Y,
+            Vec3::new(0.3, -1.0, 0.2),
+            Vec3::new(5.0, 0.1, -3.0),
+        ] {
+            let direction = direction.normalize();
+            let area = covered(0.25, direction, slopes);
+            // On the plane again.
+            let [a, b] = area.0.map(|x| x.x * slopes[0] + x.y * slopes[1]);
+            let cosine = normal.normalize().dot(direction).abs();
+            assert!((a.length() - 0.25).abs() < 1e-5 && a.dot(direction).abs() < 1e-5);
+            assert!((b.length() - 0.25 / cosine).abs() < 1e-4 && a.dot(b).abs() < 1e-4);
+            // Seen along the ray, it is round.
+            let seen = b - b.dot(direction) * direction;
+            assert!((seen.length() - 0.25).abs() < 1e-4, "{seen}");
+        }
+        let none = [Vec3::X, 2.0 * Vec3::X];
+        assert_eq!(covered(0.25, Vec3::NEG_Y, none), Area::POINT);
+        assert_eq!(covered(0.0, Vec3::NEG_Y, slopes), Area::POINT);
+    }
+}
