@@ -28,6 +28,7 @@ fn picture(scene: &Path, size: u32, bounces: u32) -> Vec<Vec3> {
     options.path = PathOptions {
         max_bounces: bounces,
         roulette_after: bounces,
+        ..PathOptions::default()
     };
     run(&options);
     read(&picture).2

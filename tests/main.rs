@@ -13,6 +13,7 @@ mod displaced;
 mod embree_agrees;
 mod errors;
 mod eval;
+mod footprints;
 mod furnace;
 mod gprims;
 mod layers;

@@ -154,6 +154,92 @@ fn u_runs_from_the_corner_along_the_edge_that_leaves_it() {
     }
 }
 
+/// Four squares side by side, seen from above and lit from the right, each of which begins at another corner.
+const TURNED: &str = r#"
+def Camera "Camera" {
+    token projection = "orthographic"
+    float horizontalAperture = 40
+    float verticalAperture = 40
+    float2 clippingRange = (0.01, 1000)
+    double3 xformOp:translate = (0, 0, 10)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+def DistantLight "Sun" {
+    float inputs:intensity = 1
+    float inputs:angle = 0
+    float xformOp:rotateY = 45
+    uniform token[] xformOpOrder = ["xformOp:rotateY"]
+}
+def Material "Tilted" {
+    token outputs:surface.connect = </Tilted/Surface.outputs:surface>
+    def Shader "Surface" {
+        uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor = (0.5, 0.5, 0.5)
+        float inputs:ior = 1
+        normal3f inputs:normal.connect = </Tilted/Ptex.outputs:rgb>
+        token outputs:surface
+    }
+    def Shader "Ptex" {
+        uniform token info:id = "RelievoPtexTexture"
+        asset inputs:file = @./tilted.ptx@
+        token inputs:sourceColorSpace = "raw"
+        float4 inputs:scale = (2, 2, 2, 1)
+        float4 inputs:bias = (-1, -1, -1, 0)
+        color3f outputs:rgb
+    }
+}
+def Mesh "Squares" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    rel material:binding = </Tilted>
+    uniform token subdivisionScheme = "bilinear"
+    int[] faceVertexCounts = [4, 4, 4, 4TRIANGLE]
+    int[] faceVertexIndices = [0, 1, 6, 5, 2, 7, 6, 1, 8, 7, 2, 3, 8, 3, 4, 9CORNERS]
+    point3f[] points = [(-2, -1, 0), (-1, -1, 0), (0, -1, 0), (1, -1, 0), (2, -1, 0),
+                        (-2, 1, 0), (-1, 1, 0), (0, 1, 0), (1, 1, 0), (2, 1, 0),
+                        (9, 9, 0), (10, 9, 0), (9, 10, 0)]
+}
+"#;
+
+#[test]
+fn normals_follow_the_parameters_of_faces() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let normal = Vec3::new(0.3, -0.5, 0.8).normalize();
+    // u runs to the right, up, to the left, down; v a quarter turn further.
+    let to_the_right = [normal.x, -normal.y, -normal.x, normal.y];
+    // A triangle beside them cuts all faces into quarters, each with parameters of its own.
+    for (triangle, corners) in [("", ""), (", 3", ", 10, 11, 12")] {
+        let body = TURNED.replace("TRIANGLE", triangle);
+        let scene = write_scene(
+            folder.path(),
+            "squares.usda",
+            &body.replace("CORNERS", corners),
+        );
+        let stored = (0.5 * (normal + 1.0)).to_array();
+        write_ptex(&scene, &folder.path().join("tilted.ptx"), |_, _| stored);
+        for method in [Method::EmbreeGrid, Method::EmbreeSubdivision] {
+            let picture = scene.with_extension("exr");
+            let mut options = options(&scene, &picture);
+            options.resolution = Some([64, 64]);
+            options.spp = 1;
+            options.build.method = method;
+            run(&options);
+            let pixels = read(&picture).2;
+            let seen = |square: usize, y: usize| pixels[y * 64 + 8 + 16 * square].x;
+            // Both factors of the light's share: a flat square would have a normal of (0, 0, 1).
+            let shares = to_the_right.map(|x| (x + normal.z).max(0.0));
+            for (square, share) in shares.into_iter().enumerate() {
+                for y in [20, 30, 40] {
+                    let found = seen(square, y) / seen(0, 30) * shares[0];
+                    let name = method.name();
+                    assert!(
+                        (found - share).abs() < 2e-3,
+                        "{name} {square}: {found}, not {share}"
+                    );
+                }
+            }
+        }
+    }
+}
+
 #[test]
 fn what_does_not_fit_the_mesh_is_bad_input() {
     let bench = Bench::new();

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use relievo::math::{DAffine3, DVec3, Ray, Vec2, Vec3};
+use relievo::math::{Cone, DAffine3, DVec3, Ray, Vec2, Vec3};
 use relievo::mesh::{BoundaryInterpolation, ControlMesh, Corner, Crease, Interpolation, Primvar, Scheme, triangulate};
 use relievo::scene::{AspectRatioConform, Binding, Camera, Description, Geometry, Placement, Projection, Shape};
 use relievo::shade::camera::{Camera as Prepared, CameraOptions};
@@ -142,7 +142,7 @@ fn trace(mesh: ControlMesh) {
     for i in 0..16 {
         let (x, y) = ((i % 4 * 70 + 20) as f32, (i / 4 * 70 + 20) as f32);
         let ray = Ray::new(Vec3::new(x, y, 1000.0), Vec3::new(0.01, -0.02, -1.0), 0.0);
-        if let Met::Surface(hit) = built.world.meet(&ray) {
+        if let Met::Surface(hit) = built.world.meet(&ray, Cone::LINE) {
             assert!(hit.position.is_finite() && hit.shading_normal.is_finite(), "{ray:?}");
             assert!((hit.face as usize) < description.shapes[0].geometry.face_count());
         }

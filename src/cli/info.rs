@@ -48,7 +48,15 @@ impl Info {
         let textures: Vec<_> = scene
             .textures
             .par_iter()
-            .map(|t| Texture::load(&t.image, [t.wrap_s, t.wrap_t], t.color_space))
+            .enumerate()
+            .map(|(i, t)| {
+                let load = if scene.is_shaded_by(i) {
+                    Texture::load_levels
+                } else {
+                    Texture::load
+                };
+                load(&t.image, [t.wrap_s, t.wrap_t], t.color_space)
+            })
             .collect();
         let missing = textures.iter().filter(|t| t.is_err()).count();
         let bytes: usize = textures.iter().flatten().map(Texture::memory).sum();

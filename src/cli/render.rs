@@ -60,6 +60,14 @@ pub(crate) struct Render {
     /// bspline, catmullrom or mitchell. Displacement always is consistently, so that faces meet.
     #[arg(long, value_name = "FILTER", value_parser = ptex_filter, help_heading = "Quality")]
     ptex_filter: Option<PtexFilter>,
+    /// How much of what a sample stands for lookups of textures cover, by its width: 0 for no more than a texel.
+    #[arg(
+        long,
+        value_name = "WIDTH",
+        default_value_t = 1.0,
+        help_heading = "Quality"
+    )]
+    footprint: f32,
     /// Leave out depth of field.
     #[arg(long, help_heading = "Quality")]
     no_depth_of_field: bool,
@@ -139,6 +147,12 @@ impl Render {
                 "an albedo lies between 0 and 1",
             ));
         }
+        if !(0.0..=100.0).contains(&self.footprint) {
+            return Err(Error::usage(
+                format!("--footprint {}", self.footprint),
+                "a width lies between 0 and 100; 1 is usual",
+            ));
+        }
         let interrupt = interrupt()?;
         let progress = self.machine.progress(quiet);
         let stats = render(&self.options()?, &progress, &interrupt)?;
@@ -192,6 +206,7 @@ impl Render {
             spp: self.spp,
             path: PathOptions {
                 max_bounces: self.max_bounces,
+                footprint: self.footprint,
                 ..PathOptions::default()
             },
             filter: match self.filter {

@@ -126,6 +126,19 @@ impl Input {
         self.level_info(part, 0)
     }
 
+    /// Width and height of a MIP level of a part; `None`: there is no such level, or no such part.
+    pub(super) fn level_size(
+        &mut self,
+        part: u32,
+        level: u32,
+    ) -> Result<Option<[u32; 2]>, Refusal> {
+        match self.level_info(part, level) {
+            Ok(info) => Ok(Some([info.width, info.height])),
+            Err(refusal) if refusal.kind == Kind::Absent => Ok(None),
+            Err(refusal) => Err(refusal),
+        }
+    }
+
     /// The header of a MIP level of a part.
     fn level_info(&mut self, part: u32, level: u32) -> Result<Info, Refusal> {
         let mut info = sys::OiioBorderInfo::default();
@@ -160,15 +173,15 @@ impl Input {
         })
     }
 
-    /// The first `channels` channels of a part, if they take at most `limit` bytes.
+    /// The first `channels` channels of a MIP level of a part, if they take at most `limit` bytes.
     pub(super) fn read(
         &mut self,
-        part: u32,
+        [part, level]: [u32; 2],
         channels: u32,
         format: Format,
         limit: usize,
     ) -> Result<Pixels, Refusal> {
-        let info = self.info(part)?;
+        let info = self.level_info(part, level)?;
         let count = u64::from(info.width) * u64::from(info.height);
         let bytes_each = match format {
             Format::Byte => 1,
@@ -188,21 +201,21 @@ impl Input {
             })?;
         Ok(match format {
             Format::Byte => Pixels::Byte(self.fill(
-                [part, 0],
+                [part, level],
                 channels,
                 sys::OIIO_BORDER_UINT8,
                 limit,
                 vec![0_u8; count],
             )?),
             Format::Half => Pixels::Half(self.fill(
-                [part, 0],
+                [part, level],
                 channels,
                 sys::OIIO_BORDER_HALF,
                 limit,
                 vec![f16::ZERO; count],
             )?),
             Format::Float => Pixels::Float(self.fill(
-                [part, 0],
+                [part, level],
                 channels,
                 sys::OIIO_BORDER_FLOAT,
                 limit,

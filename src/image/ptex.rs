@@ -7,7 +7,7 @@ use relievo_ptex::{Cache, Consistent, DataType, FaceBounds, Filter, FilterKind, 
 
 use super::{ColorSpace, ImageSource, linear_from_srgb};
 use crate::error::Fault;
-use crate::math::Vec2;
+use crate::math::{Area, Vec2};
 use crate::store::Digest;
 
 /// How a texture is looked up between its texels.
@@ -91,11 +91,12 @@ enum Lookup {
 }
 
 impl PtexTexture {
-    /// Opens a file, or an entry of a package; its texels are read into `cache` when they are looked up.
+    /// Opens a file, or an entry of a package, for any number of textures; its texels are read into `cache` when they
+    /// are looked up.
     ///
     /// # Errors
-    /// If it cannot be read, is none, or has not that channel.
-    pub fn open(image: &ImageSource, options: &PtexOptions, cache: &Cache) -> Result<Self, Fault> {
+    /// If it cannot be read, or is none.
+    pub fn open(image: &ImageSource, cache: &Cache) -> Result<Reader, Fault> {
         let reader = match image {
             ImageSource::File(path) => Reader::open(path, cache)?,
             ImageSource::Packed { package, tiles } => {
@@ -107,6 +108,14 @@ impl PtexTexture {
                 Reader::from_bytes(bytes.to_vec(), package.join(name), cache)?
             }
         };
+        Ok(reader)
+    }
+
+    /// An opened file, read in a way.
+    ///
+    /// # Errors
+    /// If it has not that channel.
+    pub fn new(reader: Reader, options: &PtexOptions) -> Result<Self, Fault> {
         let path = reader.path();
         let (channels, first) = (reader.channels(), options.first_channel);
         if first >= channels {
@@ -163,12 +172,13 @@ impl PtexTexture {
         }
     }
 
-    /// The four channels at a point of a face, linear. Zero where the file turns out to be damaged: see
+    /// The four channels of an area around a point of a face, linear; no less than a texel, nor than the filter is told
+    /// to take. [`Consistent`] covers a texel whatever the area. Zero where the file turns out to be damaged: see
     /// [`fault`](Self::fault).
-    pub fn eval(&self, face: u32, uv: Vec2) -> Vec4 {
+    pub fn eval(&self, face: u32, uv: Vec2, area: &Area) -> Vec4 {
         match &self.source {
             Source::Constant(value) => *value,
-            Source::File(file) => file.eval(face, uv).unwrap_or_else(|e| {
+            Source::File(file) => file.eval(face, uv, area).unwrap_or_else(|e| {
                 self.fault.get_or_init(|| e.into());
                 Vec4::ZERO
             }),
@@ -234,35 +244,38 @@ impl File {
         }
     }
 
-    fn eval(&self, face: u32, uv: Vec2) -> relievo_ptex::Result<Vec4> {
-        let mut color = [0.0; 3];
-        self.channels(face, uv, self.first, &mut color[..self.colors])?;
-        if self.colors == 1 {
-            color = [color[0]; 3];
+    fn eval(&self, face: u32, uv: Vec2, area: &Area) -> relievo_ptex::Result<Vec4> {
+        let mut found = [0.0, 0.0, 0.0, 1.0];
+        // Alpha behind the colours costs no lookup of its own.
+        let (together, apart) = match self.alpha {
+            Some(channel) if channel == self.first + self.colors => (self.colors + 1, None),
+            alpha => (self.colors, alpha),
+        };
+        self.channels((face, uv, area), self.first, &mut found[..together])?;
+        if let Some(channel) = apart {
+            self.channels((face, uv, area), channel, &mut found[3..])?;
         }
+        let [r, g, b, alpha] = found;
+        let mut color = if self.colors == 1 { [r; 3] } else { [r, g, b] };
         if self.srgb {
             color = color.map(linear_from_srgb);
         }
-        let mut alpha = [1.0];
-        if let Some(channel) = self.alpha {
-            self.channels(face, uv, channel, &mut alpha)?;
-        }
         let [r, g, b] = color;
-        Ok(Vec4::new(r, g, b, alpha[0]))
+        Ok(Vec4::new(r, g, b, alpha))
     }
 
     fn channels(
         &self,
-        face: u32,
-        uv: Vec2,
+        (face, uv, area): (u32, Vec2, &Area),
         first: usize,
         out: &mut [f32],
     ) -> relievo_ptex::Result<()> {
         match &self.lookup {
             Lookup::Consistent(lookup) => lookup.eval(&self.reader, face, uv.x, uv.y, first, out),
             Lookup::Kernel(filter) => {
-                let at = [0.0; 4];
-                filter.eval(&self.reader, face, uv.x, uv.y, at, first, false, out)
+                let Area([a, b]) = area;
+                let area = [a.x, a.y, b.x, b.y];
+                filter.eval(&self.reader, face, uv.x, uv.y, area, first, false, out)
             }
         }
     }
@@ -289,7 +302,7 @@ impl PtexHeights {
 
     /// The height at a point of a face.
     pub fn eval(&self, face: u32, uv: Vec2) -> f32 {
-        self.texture.eval(face, uv)[self.component]
+        self.texture.eval(face, uv, &Area::POINT)[self.component]
     }
 
     /// The least and the greatest height in a rectangle of a face; none if no bounds are known.

@@ -41,7 +41,7 @@ pub(super) fn open(path: &Path) -> Input {
 
 /// The first channels of the first part, as floats.
 pub(super) fn floats(input: &mut Input, channels: u32) -> Vec<f32> {
-    match input.read(0, channels, Format::Float, 1 << 20) {
+    match input.read([0, 0], channels, Format::Float, 1 << 20) {
         Ok(Pixels::Float(pixels)) => pixels,
         other => panic!("not floats: {other:?}"),
     }
@@ -49,7 +49,7 @@ pub(super) fn floats(input: &mut Input, channels: u32) -> Vec<f32> {
 
 /// The first channels of the first part, as bytes.
 pub(super) fn bytes(input: &mut Input, channels: u32) -> Vec<u8> {
-    match input.read(0, channels, Format::Byte, 1 << 20) {
+    match input.read([0, 0], channels, Format::Byte, 1 << 20) {
         Ok(Pixels::Byte(pixels)) => pixels,
         other => panic!("not bytes: {other:?}"),
     }

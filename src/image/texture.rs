@@ -1,23 +1,23 @@
-//! Textures: whole images resident in memory, looked up with bilinear filtering at full resolution.
+//! Textures: whole images resident in memory, looked up with bilinear filtering at full resolution, or over an area by
+//! their levels.
 //!
-//! There are no mip maps: a path tracer takes many samples a pixel, and their average is the filter; without it
-//! fine textures only need more samples. An 8-bit image keeps its bytes (a quarter of the floats' memory), which a
-//! table of 256 entries decodes texel by texel, so that colours are linear before they are filtered.
+//! An 8-bit image keeps its bytes (a quarter of the floats' memory), which a
+//! table of 256 entries decodes texel by texel, so that colours are linear before they are filtered. That, and images in
+//! packages, is why lookups are our own and not those of OpenImageIO's texture system, which filters what is encoded
+//! and reads files alone.
 
+mod levels;
+mod load;
 mod slope;
 
-use std::borrow::Cow;
-use std::ffi::{OsStr, OsString};
-use std::fs;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, LazyLock};
+use std::sync::LazyLock;
 
 use glam::{Mat3, Vec2, Vec4};
-use half::f16;
 use half::slice::HalfFloatSliceExt;
-use rayon::prelude::*;
 
-use super::border::{self, Info, Input, Kind, Pixels, Refusal};
+use self::levels::{Level, Sheet};
+use self::load::{How, load_files, load_packed, tame};
+use super::border::{Info, Pixels};
 use super::{ColorSpace, ImageSource, Wrap, linear_from_srgb};
 use crate::error::Fault;
 use crate::store::Digest;
@@ -51,6 +51,8 @@ struct Tile {
     pixels: Pixels,
     /// What a byte of colour means; alpha is always linear.
     color: &'static [f32; 256],
+    /// Half the size, a quarter, ... down to one texel; none if lookups are not to cover areas.
+    smaller: Vec<Level>,
 }
 
 /// What the channels are.
@@ -99,15 +101,46 @@ impl Layout {
 }
 
 impl Texture {
-    /// Reads it all, the tiles of a UDIM set in parallel. A fault names the file.
+    /// Reads it all, the tiles of a UDIM set in parallel, for lookups at its full size. A fault names the file.
     pub fn load(
         source: &ImageSource,
         wrap: [Wrap; 2],
         color_space: ColorSpace,
     ) -> Result<Self, Fault> {
+        let levels = false;
+        Self::load_how(
+            source,
+            wrap,
+            &How {
+                color_space,
+                levels,
+            },
+        )
+    }
+
+    /// The same, with the file's levels of smaller size, and those that it lacks, for [lookups of
+    /// areas](Self::filtered): a third more memory.
+    pub fn load_levels(
+        source: &ImageSource,
+        wrap: [Wrap; 2],
+        color_space: ColorSpace,
+    ) -> Result<Self, Fault> {
+        let levels = true;
+        Self::load_how(
+            source,
+            wrap,
+            &How {
+                color_space,
+                levels,
+            },
+        )
+    }
+
+    fn load_how(source: &ImageSource, wrap: [Wrap; 2], how: &How) -> Result<Self, Fault> {
+        let color_space = how.color_space;
         let (udim, mut tiles) = match source {
-            ImageSource::File(path) => load_files(path, color_space)?,
-            ImageSource::Packed { package, tiles } => load_packed(package, tiles, color_space)?,
+            ImageSource::File(path) => load_files(path, how)?,
+            ImageSource::Packed { package, tiles } => load_packed(package, tiles, how)?,
         };
         tiles.sort_by_key(|tile| tile.number);
         Ok(Self {
@@ -129,6 +162,7 @@ impl Texture {
                 layout: Layout::Rgba,
                 pixels: Pixels::Float(pixels),
                 color: &LINEAR,
+                smaller: Vec::new(),
             }],
             udim: false,
             wrap: [Wrap::Clamp; 2],
@@ -140,18 +174,22 @@ impl Texture {
     /// red, green and blue; an image without alpha has 1; a channel that a two-channel image lacks has 0. Outside of
     /// all UDIM tiles everything is 0. What is not a number is looked up as 0.
     pub fn eval(&self, st: Vec2) -> Vec4 {
-        let st = Vec2::new(
-            if st.x.is_finite() { st.x } else { 0.0 },
-            if st.y.is_finite() { st.y } else { 0.0 },
-        );
+        match self.place(st) {
+            Some((tile, st, wrap)) => self.filter(&tile.sheet(0), st, wrap),
+            None => Vec4::ZERO,
+        }
+    }
+
+    /// The image at `st`, and where in it.
+    fn place(&self, st: Vec2) -> Option<(&Tile, Vec2, [Wrap; 2])> {
+        let finite = |x: f32| if x.is_finite() { x } else { 0.0 };
+        let st = Vec2::new(finite(st.x), finite(st.y));
         if self.udim {
-            match self.udim_tile(st) {
-                // A tile ends at its border; its neighbour may be far away on the surface.
-                Some((tile, st)) => self.filter(tile, st, [Wrap::Clamp; 2]),
-                None => Vec4::ZERO,
-            }
+            // A tile ends at its border; its neighbour may be far away on the surface.
+            let (tile, st) = self.udim_tile(st)?;
+            Some((tile, st, [Wrap::Clamp; 2]))
         } else {
-            self.filter(&self.tiles[0], st, self.wrap)
+            Some((&self.tiles[0], st, self.wrap))
         }
     }
 
@@ -218,6 +256,8 @@ impl Texture {
                 layout,
                 pixels,
                 color,
+                // Displacement, of which stores ask, is looked up at the full size.
+                smaller: _,
             } = tile;
             digest.text(&format!("{number} {size:?} {layout:?}"));
             match pixels {
@@ -233,12 +273,18 @@ impl Texture {
 
     /// Bytes that the pixels take.
     pub fn memory(&self) -> usize {
-        let bytes = |tile: &Tile| match &tile.pixels {
+        let bytes = |pixels: &Pixels| match pixels {
             Pixels::Byte(pixels) => size_of_val(pixels.as_slice()),
             Pixels::Half(pixels) => size_of_val(pixels.as_slice()),
             Pixels::Float(pixels) => size_of_val(pixels.as_slice()),
         };
-        self.tiles.iter().map(bytes).sum()
+        let levels = |tile: &Tile| {
+            (tile.smaller.iter())
+                .map(|l| bytes(&l.pixels))
+                .sum::<usize>()
+        };
+        let all = self.tiles.iter();
+        all.map(|tile| bytes(&tile.pixels) + levels(tile)).sum()
     }
 
     /// The tile at `st`, and the place in it.
@@ -262,13 +308,13 @@ impl Texture {
         None
     }
 
-    fn filter(&self, tile: &Tile, st: Vec2, wrap: [Wrap; 2]) -> Vec4 {
-        let [width, height] = tile.size;
+    fn filter(&self, sheet: &Sheet<'_>, st: Vec2, wrap: [Wrap; 2]) -> Vec4 {
+        let [width, height] = sheet.size;
         let (x, fx) = wrap[0].neighbours(st.x, width);
         // Rows go down, t goes up; wrapping works on t.
         let (y, fy) = wrap[1].neighbours(st.y, height);
         let texel = |x: Option<u32>, y: Option<u32>| match (x, y) {
-            (Some(x), Some(y)) => tile.texel(x, height - 1 - y),
+            (Some(x), Some(y)) => sheet.texel(x, height - 1 - y),
             _ => Vec4::ZERO,
         };
         let low = texel(x[0], y[0]).lerp(texel(x[1], y[0]), fx);
@@ -325,10 +371,17 @@ impl Wrap {
 
 impl Tile {
     fn texel(&self, x: u32, y: u32) -> Vec4 {
+        self.sheet(0).texel(x, y)
+    }
+}
+
+impl Sheet<'_> {
+    #[inline]
+    fn texel(&self, x: u32, y: u32) -> Vec4 {
         let channels = self.layout.channels();
         let first = (y as usize * self.size[0] as usize + x as usize) * channels;
         let mut v = [0.0; 4];
-        match &self.pixels {
+        match self.pixels {
             Pixels::Byte(pixels) => {
                 let colors = self.layout.colors();
                 for (c, byte) in pixels[first..first + channels].iter().enumerate() {
@@ -381,214 +434,6 @@ impl std::ops::Deref for LazyTable {
     fn deref(&self) -> &[f32; 256] {
         &self.0
     }
-}
-
-// ---- Loading ----
-
-fn load_files(path: &Path, color_space: ColorSpace) -> Result<(bool, Vec<Tile>), Fault> {
-    let Some(files) = udim_files(path)? else {
-        return Ok((false, vec![load_file(0, path, color_space)?]));
-    };
-    let tiles: Result<_, _> = files
-        .par_iter()
-        .map(|(number, file)| load_file(*number, file, color_space))
-        .collect();
-    Ok((true, tiles?))
-}
-
-fn load_packed(
-    package: &Path,
-    tiles: &[(u32, String, Arc<[u8]>)],
-    color_space: ColorSpace,
-) -> Result<(bool, Vec<Tile>), Fault> {
-    if tiles.is_empty() {
-        return Err(Fault::new("the package does not hold the image")
-            .in_file(package)
-            .advise("Pack the scene again, with its textures."));
-    }
-    let udim = tiles.iter().any(|(number, ..)| *number != 0);
-    let tiles: Result<_, _> = tiles
-        .par_iter()
-        .map(|(number, name, bytes)| {
-            // The notation of USD for a file in a package.
-            let place = PathBuf::from(format!("{}[{name}]", package.display()));
-            load_image(*number, OsStr::new(name), Some(bytes), color_space)
-                .map_err(|refusal| fault(&place, &refusal))
-        })
-        .collect();
-    Ok((udim, tiles?))
-}
-
-/// The number and the file of each tile, if `path` has a `<UDIM>` in its name.
-fn udim_files(path: &Path) -> Result<Option<Vec<(u32, PathBuf)>>, Fault> {
-    const TOKEN: &str = "<UDIM>";
-    let Some((before, after)) = path
-        .file_name()
-        .and_then(OsStr::to_str)
-        .and_then(|name| name.split_once(TOKEN))
-    else {
-        return Ok(None);
-    };
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let entries = fs::read_dir(folder).map_err(|e| cannot_find(path, &e))?;
-    let mut files = Vec::new();
-    for entry in entries {
-        let entry = entry.map_err(|e| cannot_find(path, &e))?;
-        let name: OsString = entry.file_name();
-        let number = name
-            .to_str()
-            .and_then(|name| name.strip_prefix(before))
-            .and_then(|name| name.strip_suffix(after))
-            .filter(|digits| digits.len() == 4)
-            .and_then(|digits| digits.parse::<u32>().ok())
-            .filter(|number| (FIRST_UDIM..2000).contains(number));
-        if let Some(number) = number {
-            files.push((number, folder.join(name)));
-        }
-    }
-    if files.is_empty() {
-        return Err(Fault::new("no file of this UDIM set exists")
-            .in_file(path)
-            .advise(format!(
-                "The first one would be `{}`.",
-                folder
-                    .join(format!("{before}{FIRST_UDIM}{after}"))
-                    .display()
-            )));
-    }
-    files.sort();
-    Ok(Some(files))
-}
-
-fn load_file(number: u32, path: &Path, color_space: ColorSpace) -> Result<Tile, Fault> {
-    // The system's reason is clearer than any reader's.
-    match fs::File::open(path).and_then(|file| file.metadata()) {
-        Err(e) => return Err(cannot_find(path, &e)),
-        Ok(metadata) if metadata.is_dir() => {
-            return Err(Fault::new("this is a folder, not an image")
-                .in_file(path)
-                .advise("Name an image file."));
-        }
-        Ok(_) => {}
-    }
-    load_image(number, path.as_os_str(), None, color_space).map_err(|refusal| fault(path, &refusal))
-}
-
-fn load_image(
-    number: u32,
-    name: &OsStr,
-    bytes: Option<&Arc<[u8]>>,
-    color_space: ColorSpace,
-) -> Result<Tile, Refusal> {
-    let mut input = Input::open(name, bytes.cloned())?;
-    let info = input.info(0)?;
-    let layout = Layout::of(&info);
-    let mut pixels = input.read(0, layout.channels() as u32, info.format, LIMIT)?;
-    let srgb = is_srgb(color_space, &info, layout);
-    match &mut pixels {
-        // The table decodes.
-        Pixels::Byte(_) => {}
-        Pixels::Half(pixels) => pixels
-            .par_chunks_exact_mut(layout.channels())
-            .for_each(|texel| {
-                for (c, v) in texel.iter_mut().enumerate() {
-                    let decoded = decode(v.to_f32(), srgb && c < layout.colors());
-                    *v = f16::from_f32(decoded);
-                }
-            }),
-        Pixels::Float(pixels) => pixels
-            .par_chunks_exact_mut(layout.channels())
-            .for_each(|texel| {
-                for (c, v) in texel.iter_mut().enumerate() {
-                    *v = decode(*v, srgb && c < layout.colors());
-                }
-            }),
-    }
-    Ok(Tile {
-        number,
-        size: [info.width, info.height],
-        layout,
-        pixels,
-        color: if srgb { &SRGB } else { &LINEAR },
-    })
-}
-
-/// UsdUVTexture's rule for `auto`; but an image that says that it is linear is believed.
-fn is_srgb(color_space: ColorSpace, info: &Info, layout: Layout) -> bool {
-    match color_space {
-        ColorSpace::Srgb => true,
-        ColorSpace::Raw | ColorSpace::AcesCg => false,
-        ColorSpace::Auto => {
-            let says = info.color_space.to_lowercase();
-            info.format == border::Format::Byte
-                && layout.colors() == 3
-                && !says.starts_with("lin")
-                && says != "scene_linear"
-        }
-    }
-}
-
-fn decode(value: f32, srgb: bool) -> f32 {
-    let value = tame(value);
-    if srgb { linear_from_srgb(value) } else { value }
-}
-
-/// Makes a number of anything: one NaN or infinity would spread over all pixels that its texel lights. 65504 is what
-/// a sun too bright for half floats was before it became infinite, as far as the file can tell.
-fn tame(value: f32) -> f32 {
-    if value.is_nan() {
-        0.0
-    } else if value.is_infinite() {
-        f16::MAX.to_f32().copysign(value)
-    } else {
-        value
-    }
-}
-
-// ---- Faults ----
-
-fn cannot_find(path: &Path, error: &std::io::Error) -> Fault {
-    Fault::new(format!("the image cannot be opened: {error}"))
-        .in_file(path)
-        .advise(
-            "Check the path (a relative one starts at the file that names it) and that you may read it; \
-             or let `--missing-textures` put a colour in its place.",
-        )
-}
-
-fn fault(path: &Path, refusal: &Refusal) -> Fault {
-    let reason = &refusal.message;
-    let (message, help): (_, Cow<'_, str>) = match refusal.kind {
-        Kind::CannotOpen => (
-            format!("the image cannot be opened: {reason}"),
-            format!(
-                "OpenImageIO {} reads OpenEXR, PNG, JPEG, TIFF, Radiance HDR and more: check that the file is \
-                 whole, and convert it if it has another format",
-                border::version()
-            )
-            .into(),
-        ),
-        Kind::BadImage => (
-            format!("the image cannot be used: {reason}"),
-            "Textures are flat images; flatten or convert it.".into(),
-        ),
-        Kind::TooLarge => (
-            format!("the image is too large: {reason}"),
-            "Scale it down, or cut it into UDIM tiles.".into(),
-        ),
-        Kind::CannotRead => (
-            format!("the image is cut off or damaged: {reason}"),
-            "Copy or export it again.".into(),
-        ),
-        Kind::CannotWrite | Kind::Absent | Kind::Misuse => (
-            format!("the image cannot be read: {reason}"),
-            "Convert it to OpenEXR or PNG.".into(),
-        ),
-    };
-    Fault::new(message).in_file(path).advise(help)
 }
 
 #[cfg(test)]

@@ -1,4 +1,9 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
 use super::*;
+use crate::image::border::{self, Kind};
 use crate::image::{ChannelFormat, test_files, write_exr, write_png};
 
 const REPEAT: [Wrap; 2] = [Wrap::Repeat; 2];
@@ -262,13 +267,13 @@ fn too_many_texels_are_refused_before_they_are_allocated() {
     exr(&path, 2, "RGB", ChannelFormat::Float, &[0.0; 12]);
     let mut input = test_files::open(&path);
     let refusal = input
-        .read(0, 3, border::Format::Float, 47)
+        .read([0, 0], 3, border::Format::Float, 47)
         .expect_err("too large");
     assert_eq!(refusal.kind, Kind::TooLarge);
-    assert!(input.read(0, 3, border::Format::Float, 48).is_ok());
+    assert!(input.read([0, 0], 3, border::Format::Float, 48).is_ok());
     assert_eq!(
         input
-            .read(0, 4, border::Format::Float, 1 << 20)
+            .read([0, 0], 4, border::Format::Float, 1 << 20)
             .expect_err("three channels")
             .kind,
         Kind::Misuse

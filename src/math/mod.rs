@@ -1,12 +1,14 @@
-//! Vectors, rays, boxes and frames. Vectors are glam's; transforms are column-vector affine maps named
+//! Vectors, rays and their widths, boxes and frames. Vectors are glam's; transforms are column-vector affine maps named
 //! destination-from-source (`world_from_object`).
 
 mod bounds;
+mod cone;
 mod disk;
 mod frame;
 mod ray;
 
 pub use bounds::Bounds3;
+pub use cone::{Area, Cone};
 pub use disk::concentric_disk;
 pub use frame::Frame;
 pub use glam::{Affine2, Affine3A, DAffine3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};

@@ -139,6 +139,10 @@ pub fn render(
         world: &world,
         camera: &camera,
         options,
+        path: PathOptions {
+            footprint: options.path.footprint * share_of_pixel(options.spp),
+            ..options.path
+        },
         exposure: camera.exposure(),
     };
     let counters = Counters::default();
@@ -305,6 +309,8 @@ struct Job<'a> {
     world: &'a World,
     camera: &'a Camera,
     options: &'a RenderOptions,
+    /// The options' with the footprint of one sample of many.
+    path: PathOptions,
     /// Radiance is multiplied by this.
     exposure: f32,
 }
@@ -351,7 +357,8 @@ impl Job<'_> {
                 let offset = self.options.filter.sample([film_u, film_v]);
                 let film = Vec2::new(at[0] as f32 + 0.5, at[1] as f32 + 0.5) + offset;
                 let ray = self.camera.ray(film, [lens_u, lens_v], time);
-                let mut found = path(self.world, &self.options.path, ray, &sampler, &mut rays);
+                let wide_ray = (ray, self.camera.cone(film));
+                let mut found = path(self.world, &self.path, wide_ray, &sampler, &mut rays);
                 found.radiance *= self.exposure;
                 let depth = |p| self.camera.depth(p, time);
                 let added = pixel.add(&found, offset.length(), depth);
@@ -360,6 +367,13 @@ impl Job<'_> {
         }
         counters.add(rays, non_finite);
     }
+}
+
+/// The part of a pixel's width that a sample stands for: they share its area. Where many of them blur by themselves, a
+/// little is left so that no texel is missed or seen alone (as in pbrt, version 4).
+fn share_of_pixel(spp: u32) -> f32 {
+    const LEAST: f32 = 0.125;
+    (spp.max(1) as f32).sqrt().recip().max(LEAST)
 }
 
 /// The shutter's dimension set lies beyond those of the path.

@@ -379,39 +379,11 @@ pub struct PreviewSurface {
     pub opacity: Input<f32>,
     pub opacity_threshold: f32,
     pub ior: Input<f32>,
-    /// Tangent space, already scaled and biased to -1..1 by the texture map.
-    pub normal: Option<TextureMap>,
+    /// Tangent space, already scaled and biased to -1..1 by the map.
+    pub normal: Option<NormalMap>,
     /// Along the normal, scene units in the object's space.
     pub displacement: Input<f32>,
     pub occlusion: Input<f32>,
-}
-
-impl PreviewSurface {
-    /// The Ptex files that its inputs read.
-    pub fn ptex_maps(&self) -> Vec<&PtexMap> {
-        fn of<T>(input: &Input<T>) -> Option<&PtexMap> {
-            match input {
-                Input::Ptex(map) => Some(map),
-                _ => None,
-            }
-        }
-        let colors = [
-            &self.diffuse_color,
-            &self.emissive_color,
-            &self.specular_color,
-        ];
-        let numbers = [
-            &self.metallic,
-            &self.roughness,
-            &self.clearcoat,
-            &self.clearcoat_roughness,
-            &self.opacity,
-            &self.ior,
-            &self.displacement,
-        ];
-        let colors = colors.into_iter().filter_map(of);
-        colors.chain(numbers.into_iter().filter_map(of)).collect()
-    }
 }
 
 impl Default for PreviewSurface {
@@ -470,6 +442,15 @@ pub struct TextureMap {
     pub bias: Vec4,
     /// The four channels where the texture is missing, or where the surface has no such primvar.
     pub fallback: Vec4,
+}
+
+/// Where normals come from.
+#[derive(Debug, Clone, PartialEq)]
+pub enum NormalMap {
+    /// An image: x runs along the texture's s.
+    Image(TextureMap),
+    /// A Ptex file: x runs along the u of the Ptex face.
+    Ptex(PtexMap),
 }
 
 /// What an input takes of a Ptex file: texel x `scale` + `bias`.

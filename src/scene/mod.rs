@@ -1,6 +1,7 @@
 //! Scene files into a plain [`Description`]. Builds nothing; what it hands out is checked.
 
 mod description;
+mod maps;
 pub mod obj;
 pub mod usd;
 

@@ -10,7 +10,7 @@
 mod view;
 
 use crate::error::{Fault, Result};
-use crate::math::{DAffine3, DMat4, DVec3, Ray, Vec2, Vec3, concentric_disk};
+use crate::math::{Cone, DAffine3, DMat4, DVec3, Ray, Vec2, Vec3, concentric_disk};
 use crate::scene::{self, AspectRatioConform, Projection};
 
 use glam::{DMat3, DQuat};
@@ -104,8 +104,7 @@ impl Camera {
     /// of *depth*, along the camera's -Z: `t_min` and `t_max` exceed it by the slant of the ray.
     #[inline]
     pub fn ray(&self, film: Vec2, lens: [f32; 2], time: f32) -> Ray {
-        let [low, high] = self.window;
-        let on_film = Vec2::new(low.x, high.y) + film * self.per_pixel;
+        let on_film = self.on_film(film);
         // In camera space with a direction of depth 1, so that t is the depth.
         let (origin, direction, near, far) = match self.projection {
             Projection::Perspective => {
@@ -145,6 +144,36 @@ impl Camera {
             t_max: far * length as f32,
             time,
         }
+    }
+
+    /// How wide the ray through the point `film` is if it stands for a whole pixel: as the side of a square of the
+    /// pixel's solid angle (perspective) or size (orthographic). The lens adds nothing: of what is out of focus, each of
+    /// its points sees a picture that is as sharp as any.
+    #[inline]
+    pub fn cone(&self, film: Vec2) -> Cone {
+        let side = (self.per_pixel.x * self.per_pixel.y).abs().sqrt();
+        match self.projection {
+            Projection::Perspective => {
+                // The solid angle goes with the third power of the cosine to the axis.
+                let slant = self.on_film(film).length_squared() + 1.0;
+                Cone {
+                    width: 0.0,
+                    spread: side / (slant * slant.sqrt()).sqrt(),
+                }
+            }
+            Projection::Orthographic => {
+                let scale = self.motion.at(self.frame_time).matrix3.determinant();
+                Cone {
+                    width: side * scale.abs().cbrt() as f32,
+                    spread: 0.0,
+                }
+            }
+        }
+    }
+
+    fn on_film(&self, film: Vec2) -> Vec2 {
+        let [low, high] = self.window;
+        Vec2::new(low.x, high.y) + film * self.per_pixel
     }
 
     /// The camera's transform at `time` in 0..1.

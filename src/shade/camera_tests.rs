@@ -241,3 +241,29 @@ fn what_is_outside_of_the_picture() {
         }
     }
 }
+
+/// A wide camera that is larger than life, with pixels that are no squares.
+#[test]
+fn cones_have_the_size_of_pixels() {
+    let mut description = camera();
+    description.focal_length = 15.0;
+    description.world_from_camera = vec![DAffine3::from_scale(DVec3::splat(3.0))];
+    for projection in [Projection::Perspective, Projection::Orthographic] {
+        description.projection = projection;
+        let options = CameraOptions {
+            pixel_aspect: 1.5,
+            ..options()
+        };
+        let camera = Camera::new(&description, options).expect("a good camera");
+        for film in [[150.0, 100.0], [0.0, 100.0], [290.0, 10.0]].map(Vec2::from) {
+            let at = |x: f32, y: f32| camera.ray(film + Vec2::new(x, y), MIDDLE, 0.0).at(20.0);
+            let across = (at(2.0, 0.0) - at(-2.0, 0.0)).cross(at(0.0, 2.0) - at(0.0, -2.0));
+            let area = across.length() / 16.0;
+            let width = camera.cone(film).at(20.0);
+            assert!(
+                (width * width / area - 1.0).abs() < 2e-3,
+                "{film}: {width}, {area}"
+            );
+        }
+    }
+}

@@ -5,7 +5,7 @@
 use super::bsdf::SurfaceParams;
 use super::texture_map::{Lookups, Output, Placed, Primvars, Read, number};
 use crate::math::Vec3;
-use crate::scene::{self, Input, PreviewSurface, TextureMap};
+use crate::scene::{self, Input, NormalMap, PreviewSurface, PtexMap, TextureMap};
 
 /// At most this many different texels make a material: it has that many inputs.
 const MOST_TEXELS: usize = 11;
@@ -23,11 +23,23 @@ pub struct Resolved {
     pub normal: Option<Vec3>,
 }
 
+/// What a normal map's tangent space follows: its x and y run as these grow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tangents {
+    /// Texture coordinates, by the number of the read.
+    OfRead(usize),
+    /// The parameters of the Ptex face.
+    OfFace,
+}
+
 /// A material, ready to be asked from any thread.
 #[derive(Clone)]
 pub struct Material {
     inputs: Inputs,
     texels: Vec<Placed>,
+    /// The texel that opacity is, which is looked up no wider than a texel: what is cut out stays cut out wherever it is
+    /// seen from, and the colours that a cut-out image hides beside it do not run into it.
+    sharp: Option<usize>,
     /// Of its texels and inputs.
     reads: Vec<Read>,
     /// What it resolves to everywhere, if nothing varies.
@@ -125,9 +137,16 @@ impl Material {
             opacity: sources.number(&surface.opacity),
             ior: sources.number(&surface.ior),
             displacement: sources.height(&surface.displacement),
-            normal: surface.normal.as_ref().map(|map| sources.texel(map)),
+            normal: surface.normal.as_ref().map(|map| match map {
+                NormalMap::Image(map) => sources.texel(map),
+                NormalMap::Ptex(map) => sources.face_texel(map),
+            }),
         };
         let mut material = Self {
+            sharp: match inputs.opacity {
+                Source::Texel(number, _) => Some(number),
+                Source::Value(_) | Source::Primvar { .. } => None,
+            },
             inputs,
             texels: sources.texels,
             reads: sources.reads,
@@ -148,7 +167,7 @@ impl Material {
         let inputs = &self.inputs;
         let mut point = Point {
             primvars,
-            texels: &self.texels,
+            material: self,
             seen: [None; MOST_TEXELS],
         };
         let diffuse_color = non_negative(point.get(&inputs.diffuse_color));
@@ -192,7 +211,7 @@ impl Material {
     pub fn displacement(&self, primvars: &dyn Primvars) -> f32 {
         let mut point = Point {
             primvars,
-            texels: &self.texels,
+            material: self,
             seen: [None; MOST_TEXELS],
         };
         let x = point.get(&self.inputs.displacement).x;
@@ -214,9 +233,15 @@ impl Material {
         self.names([&self.inputs.displacement].into_iter())
     }
 
-    /// The read whose directions the normal map's tangent space follows, if there is such a map.
-    pub fn normal_read(&self) -> Option<usize> {
-        self.inputs.normal.as_ref().and_then(|n| self.read(n))
+    /// What the normal map's tangent space follows, if there is such a map.
+    pub fn tangents(&self) -> Option<Tangents> {
+        let Source::Texel(number, _) = self.inputs.normal.as_ref()? else {
+            return None;
+        };
+        match &self.texels[*number] {
+            Placed::Ptex { .. } => Some(Tangents::OfFace),
+            image => image.read().map(Tangents::OfRead),
+        }
     }
 
     /// Whether any displacement but 0 is possible.
@@ -317,7 +342,7 @@ impl Source {
 /// One point, and the texels that were looked up there: inputs that share an image look once.
 struct Point<'a> {
     primvars: &'a dyn Primvars,
-    texels: &'a [Placed],
+    material: &'a Material,
     seen: [Option<Option<glam::Vec4>>; MOST_TEXELS],
 }
 
@@ -326,8 +351,10 @@ impl Point<'_> {
         match source {
             Source::Value(v) => *v,
             Source::Texel(number, output) => {
+                let Material { texels, sharp, .. } = self.material;
+                let sharp = *sharp == Some(*number);
                 let texel = *self.seen[*number]
-                    .get_or_insert_with(|| self.texels[*number].eval(self.primvars));
+                    .get_or_insert_with(|| texels[*number].eval(self.primvars, sharp));
                 output.of(texel)
             }
             Source::Primvar {
@@ -399,16 +426,18 @@ impl Sources<'_> {
         match input {
             Input::Value(value) => Source::Value(splat(*value)),
             Input::Texture(map) => self.texel(map),
-            Input::Ptex(map) => {
-                let placed = Placed::ptex(map, self.lookups, false);
-                self.placed(placed, Output::ptex(map))
-            }
+            Input::Ptex(map) => self.face_texel(map),
             Input::Primvar { name, fallback } => Source::Primvar {
                 read: number(&mut self.reads, name, components),
                 components,
                 fallback: splat(*fallback),
             },
         }
+    }
+
+    fn face_texel(&mut self, map: &PtexMap) -> Source {
+        let placed = Placed::ptex(map, self.lookups, false);
+        self.placed(placed, Output::ptex(map))
     }
 
     fn texel(&mut self, map: &TextureMap) -> Source {

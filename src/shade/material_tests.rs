@@ -3,7 +3,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
 
 use super::*;
-use crate::math::{Vec2, Vec4};
+use crate::math::{Area, Vec2, Vec4};
 use crate::scene::{Channels, Transform2d};
 use crate::shade::texture_map::Lookup;
 
@@ -12,7 +12,7 @@ use crate::shade::texture_map::Lookup;
 struct Ramp(AtomicUsize);
 
 impl Lookup for Ramp {
-    fn eval(&self, st: Vec2) -> Vec4 {
+    fn eval(&self, st: Vec2, _: &Area) -> Vec4 {
         self.0.fetch_add(1, Ordering::Relaxed);
         Vec4::new(st.x, st.y, 0.5, 1.0)
     }
@@ -185,16 +185,19 @@ fn display_color_and_opacity() {
 #[test]
 fn normals_are_unit_or_absent() {
     let surface = PreviewSurface {
-        normal: Some(TextureMap {
+        normal: Some(NormalMap::Image(TextureMap {
             scale: Vec4::splat(2.0),
             bias: Vec4::new(-1.0, -1.0, 0.0, 0.0),
             ..map(Channels::Rgb)
-        }),
+        })),
         ..PreviewSurface::default()
     };
     let material = material(surface, &[Arc::new(Ramp::default())]);
-    let read = material.normal_read().map(|read| &material.reads()[read]);
-    assert!(read.is_some_and(|read| read.name == "st" && read.width == 2));
+    let Some(Tangents::OfRead(read)) = material.tangents() else {
+        panic!("texture coordinates are read");
+    };
+    let Read { name, width } = &material.reads()[read];
+    assert_eq!((name.as_str(), *width), ("st", 2));
     let flat = material.resolve(&At(vec![("st", vec![0.5, 0.5])]).read_by(&material));
     assert_eq!(flat.normal, Some(Vec3::Z));
     let nonsense = material.resolve(&At(vec![("st", vec![f32::NAN, 0.5])]).read_by(&material));

@@ -3,19 +3,19 @@
 use std::f32::consts::PI;
 use std::sync::Arc;
 
-use crate::math::{Affine2, Vec2, Vec3, Vec4};
+use crate::math::{Affine2, Area, Vec2, Vec3, Vec4};
 use crate::scene::{self, Channels, Transform2d};
 
 /// Something that has a colour at every texture coordinate.
 pub trait Lookup: Send + Sync {
-    /// The four channels, linear; t = 0 is the bottom row.
-    fn eval(&self, st: Vec2) -> Vec4;
+    /// The four channels, linear, of an area around `st`; t = 0 is the bottom row. Never less than a texel.
+    fn eval(&self, st: Vec2, area: &Area) -> Vec4;
 }
 
 /// Something that has a colour at every point of every face.
 pub trait FaceLookup: Send + Sync {
-    /// The four channels, linear, at a point of a Ptex face.
-    fn eval(&self, face: u32, uv: Vec2) -> Vec4;
+    /// The four channels, linear, of an area around a point of a Ptex face. Never less than a texel.
+    fn eval(&self, face: u32, uv: Vec2, area: &Area) -> Vec4;
 }
 
 /// What a scene's materials look things up in.
@@ -45,9 +45,20 @@ pub trait Primvars {
     /// it has fewer components.
     fn get(&self, read: usize, out: &mut [f32]) -> bool;
 
+    /// As [`get`](Self::get) with two numbers: texture coordinates, and what a lookup there is to cover.
+    fn coordinates(&self, read: usize) -> Option<(Vec2, Area)> {
+        let mut st = [0.0; 2];
+        self.get(read, &mut st).then(|| (st.into(), Area::POINT))
+    }
+
     /// The Ptex face, and the point on it; none if the surface has no such faces.
     fn ptex(&self) -> Option<(u32, Vec2)> {
         None
+    }
+
+    /// What a lookup is to cover around the point of the Ptex face.
+    fn ptex_area(&self) -> Area {
+        Area::POINT
     }
 }
 
@@ -91,6 +102,12 @@ impl StTransform {
     #[inline]
     pub fn apply(&self, st: Vec2) -> Vec2 {
         st.x * self.x + st.y * self.y + self.translation
+    }
+
+    /// What an area around any point becomes.
+    #[inline]
+    pub fn apply_to_area(&self, area: &Area) -> Area {
+        area.mapped([self.x, self.y])
     }
 }
 
@@ -178,8 +195,8 @@ impl Placed {
         }
     }
 
-    /// The texel; `None` without image or texture coordinates, or without faces.
-    pub(super) fn eval(&self, primvars: &dyn Primvars) -> Option<Vec4> {
+    /// The texel; `None` without image or texture coordinates, or without faces. `sharp` covers no more than a texel.
+    pub(super) fn eval(&self, primvars: &dyn Primvars, sharp: bool) -> Option<Vec4> {
         match self {
             Self::Image {
                 image,
@@ -188,14 +205,22 @@ impl Placed {
                 ..
             } => {
                 let image = image.as_deref()?;
-                let mut st = [0.0; 2];
-                primvars
-                    .get(*read, &mut st)
-                    .then(|| image.eval(transform.apply(st.into())))
+                if sharp {
+                    let mut st = [0.0; 2];
+                    let known = primvars.get(*read, &mut st);
+                    return known.then(|| image.eval(transform.apply(st.into()), &Area::POINT));
+                }
+                let (st, area) = primvars.coordinates(*read)?;
+                Some(image.eval(transform.apply(st), &transform.apply_to_area(&area)))
             }
             Self::Ptex { lookup, .. } => {
                 let (face, uv) = primvars.ptex()?;
-                Some(lookup.as_deref()?.eval(face, uv))
+                let area = if sharp {
+                    Area::POINT
+                } else {
+                    primvars.ptex_area()
+                };
+                Some(lookup.as_deref()?.eval(face, uv, &area))
             }
         }
     }

@@ -137,6 +137,11 @@ pub trait Carrier: Base {
         None
     }
 
+    /// The derivatives of the parameters on the Ptex face by those of the face.
+    fn ptex_slopes(&self, _face: u32, _uv: Vec2) -> [Vec2; 2] {
+        [Vec2::X, Vec2::Y]
+    }
+
     /// The slot of the primvar of this name, if the surface carries one of at least `width` components.
     fn slot(&self, name: &str, width: usize) -> Option<usize>;
 
@@ -151,6 +156,11 @@ pub trait Carrier: Base {
 
     /// Two components of a primvar with their derivatives; nothing if it has fewer, or is the same all over a face.
     fn primvar_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord>;
+
+    /// The same; second derivatives may be missing.
+    fn primvar_first_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord> {
+        self.primvar_slopes(slot, face, uv)
+    }
 }
 
 /// One side of an edge.

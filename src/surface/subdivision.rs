@@ -437,6 +437,11 @@ impl Carrier for Subdivision {
         Some((part.ptex, Vec2::new(u as f32, v as f32)))
     }
 
+    fn ptex_slopes(&self, face: u32, uv: Vec2) -> [Vec2; 2] {
+        let placed = self.parts[face as usize].shape.place(uv);
+        [placed.du, placed.dv].map(|d| Vec2::new(d[0] as f32, d[1] as f32))
+    }
+
     fn slot(&self, name: &str, width: usize) -> Option<usize> {
         self.primvars.slot(name, width)
     }
@@ -481,6 +486,21 @@ impl Carrier for Subdivision {
             duu,
             duv,
             dvv,
+        })
+    }
+
+    fn primvar_first_slopes(&self, slot: usize, face: u32, uv: Vec2) -> Option<Texcoord> {
+        let varying = self.primvars.varying(slot)?;
+        if !(2..=3).contains(&varying.width()) {
+            return None;
+        }
+        let limit = varying.limit.as_ref().unwrap_or(&self.limit);
+        let p = self.first_order_of(limit, &varying.field, face, uv);
+        Some(Texcoord {
+            st: p.position.truncate(),
+            du: p.du.truncate(),
+            dv: p.dv.truncate(),
+            ..Texcoord::default()
         })
     }
 }

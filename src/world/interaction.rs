@@ -1,8 +1,11 @@
 //! A point of a surface as the path tracer sees it.
 
+use std::cell::OnceCell;
+
 use super::World;
-use crate::math::{Frame, Ray, Vec2, Vec3};
+use crate::math::{Area, Cone, Frame, Ray, Vec2, Vec3};
 use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
+use crate::shade::material::Tangents;
 use crate::shade::texture_map::Primvars;
 use crate::trace::{Geometry, SceneHit};
 
@@ -28,7 +31,8 @@ pub struct Interaction {
     pub opacity: f32,
     /// Radiance that the surface itself emits.
     pub emission: Vec3,
-    t: f32,
+    /// From the ray's origin, in lengths of its direction.
+    pub t: f32,
     error: f32,
     params: SurfaceParams,
 }
@@ -68,7 +72,14 @@ impl Interaction {
 const RELATIVE_ERROR: f32 = 8e-6;
 
 impl World {
-    pub(super) fn interaction(&self, number: u32, ray: &Ray, hit: &SceneHit) -> Interaction {
+    /// `ray`'s direction is unit if `cone` is any wider than a line.
+    pub(super) fn interaction(
+        &self,
+        number: u32,
+        ray: &Ray,
+        cone: Cone,
+        hit: &SceneHit,
+    ) -> Interaction {
         let placed = &self.placed[number as usize];
         let shape = &self.shapes[placed.shape as usize];
         let mut moved = None;
@@ -138,20 +149,29 @@ impl World {
             place,
             geometry,
             placed_color: placed.display_color,
+            width: cone.at(hit.t),
+            ray,
+            slopes: &point.derivatives,
+            space,
+            area: OnceCell::new(),
         };
         let resolved = worn.material.resolve(&primvars);
         if let Some(map) = resolved.normal {
-            shading_normal = (worn.material.normal_read())
-                .and_then(|read| shape.tangents(geometry, worn.found[read].slot?, place, &point))
-                .map_or(shading_normal, |tangents| {
-                    bumped(
-                        shading_normal,
-                        geometric_normal,
-                        map,
-                        tangents.map(|t| space.map_or(t, |space| space.vector_to_world(t))),
-                        towards,
-                    )
-                });
+            let tangents = match worn.material.tangents() {
+                Some(Tangents::OfRead(read)) => (worn.found[read].slot)
+                    .and_then(|slot| shape.tangents(geometry, slot, place, &point)),
+                Some(Tangents::OfFace) => shape.face_tangents(place, &point),
+                None => None,
+            };
+            shading_normal = tangents.map_or(shading_normal, |tangents| {
+                bumped(
+                    shading_normal,
+                    geometric_normal,
+                    map,
+                    tangents.map(|t| space.map_or(t, |space| space.vector_to_world(t))),
+                    towards,
+                )
+            });
         }
         shading_normal = bent_towards(shading_normal, -ray.direction);
         Interaction {
@@ -169,7 +189,7 @@ impl World {
     }
 }
 
-/// Tilts `normal` by a tangent-space normal map whose x runs along the texture's s.
+/// Tilts `normal` by a tangent-space normal map whose x runs along the texture's s, or the Ptex face's u.
 fn bumped(
     normal: Vec3,
     geometric: Vec3,
@@ -203,6 +223,52 @@ struct Lookup<'a> {
     place: Place,
     geometry: &'a Geometry,
     placed_color: Option<[f32; 3]>,
+    /// Across the ray that hit, scene units.
+    width: f32,
+    ray: &'a Ray,
+    /// Derivatives of the position by the parameters of the place, object space.
+    slopes: &'a [Vec3; 2],
+    space: Option<&'a Space>,
+    /// See [`Lookup::area`].
+    area: OnceCell<Area>,
+}
+
+impl Lookup<'_> {
+    /// What the ray covers, in the parameters of the place.
+    fn area(&self) -> &Area {
+        self.area.get_or_init(|| {
+            let slopes = (self.slopes).map(|d| self.space.map_or(d, |s| s.vector_to_world(d)));
+            covered(self.width, self.ray.direction, slopes)
+        })
+    }
+}
+
+/// What a ray of this width covers of the plane that the derivatives `du` and `dv` of its points span, in its parameters:
+/// the axes of the ellipse in which it cuts a round ray. The ray's direction is unit.
+///
+/// Akenine-Möller, Crassin, Boksansky, Belcour, Panteleev and Wright, "Improved Shader and Texture Level of Detail Using
+/// Ray Cones" (JCGT 10, 2021), section 4.
+fn covered(width: f32, direction: Vec3, [du, dv]: [Vec3; 2]) -> Area {
+    /// Nearer to the horizon nothing gets longer.
+    const LEAST_COSINE: f32 = 1e-3;
+    let normal = du.cross(dv);
+    let squared = normal.length_squared();
+    if width <= 0.0 || squared == 0.0 || !squared.is_finite() {
+        return Area::POINT;
+    }
+    let unit = normal / squared.sqrt();
+    // Looked at squarely, all directions are alike.
+    let across = (unit.cross(direction).try_normalize())
+        .or_else(|| du.try_normalize())
+        .unwrap_or(Vec3::ZERO);
+    let cosine = unit.dot(direction).abs().max(LEAST_COSINE);
+    let axes = [width * across, width / cosine * unit.cross(across)];
+    let area = axes.map(|x| Vec2::new(x.cross(dv).dot(normal), du.cross(x).dot(normal)) / squared);
+    if area.iter().all(|a| a.is_finite()) {
+        Area(area)
+    } else {
+        Area::POINT
+    }
 }
 
 impl Primvars for Lookup<'_> {
@@ -216,7 +282,57 @@ impl Primvars for Lookup<'_> {
         true
     }
 
+    fn coordinates(&self, read: usize) -> Option<(Vec2, Area)> {
+        match self.found[read].slot {
+            Some(slot) if self.width > 0.0 => {
+                let (st, slopes) = self.shape.coordinates(self.geometry, slot, self.place);
+                Some((st, self.area().mapped(slopes)))
+            }
+            _ => {
+                let mut st = [0.0; 2];
+                self.get(read, &mut st).then(|| (st.into(), Area::POINT))
+            }
+        }
+    }
+
     fn ptex(&self) -> Option<(u32, Vec2)> {
         self.shape.ptex(self.place)
+    }
+
+    fn ptex_area(&self) -> Area {
+        if self.width <= 0.0 {
+            return Area::POINT;
+        }
+        self.area().mapped(self.shape.ptex_slopes(self.place))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_ray_covers_the_ellipse_that_the_plane_cuts() {
+        let slopes = [Vec3::new(2.0, 0.0, 0.1), Vec3::new(-0.5, 0.0, 3.0)];
+        let normal = slopes[0].cross(slopes[1]);
+        for direction in [
+            Vec3::NEG_Y,
+            Vec3::new(0.3, -1.0, 0.2),
+            Vec3::new(5.0, 0.1, -3.0),
+        ] {
+            let direction = direction.normalize();
+            let area = covered(0.25, direction, slopes);
+            // On the plane again.
+            let [a, b] = area.0.map(|x| x.x * slopes[0] + x.y * slopes[1]);
+            let cosine = normal.normalize().dot(direction).abs();
+            assert!((a.length() - 0.25).abs() < 1e-5 && a.dot(direction).abs() < 1e-5);
+            assert!((b.length() - 0.25 / cosine).abs() < 1e-4 && a.dot(b).abs() < 1e-4);
+            // Seen along the ray, it is round.
+            let seen = b - b.dot(direction) * direction;
+            assert!((seen.length() - 0.25).abs() < 1e-4, "{seen}");
+        }
+        let none = [Vec3::X, 2.0 * Vec3::X];
+        assert_eq!(covered(0.25, Vec3::NEG_Y, none), Area::POINT);
+        assert_eq!(covered(0.0, Vec3::NEG_Y, slopes), Area::POINT);
     }
 }

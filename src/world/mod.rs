@@ -32,7 +32,7 @@ use std::sync::Arc;
 use crate::accel::Hit;
 use crate::error::Result;
 use crate::image::PtexTexture;
-use crate::math::Ray;
+use crate::math::{Cone, Ray};
 use crate::shade::light::Lights;
 use crate::trace;
 use shape::Shape;
@@ -96,8 +96,9 @@ pub enum Met {
 }
 
 impl World {
-    /// The nearest thing along the ray.
-    pub fn meet(&self, ray: &Ray) -> Met {
+    /// The nearest thing along the ray. Textures of a surface are looked up as wide as `cone` is there; it needs a ray of
+    /// unit direction, unless it is a line.
+    pub fn meet(&self, ray: &Ray, cone: Cone) -> Met {
         let Some(hit) = self.scene.intersect(ray) else {
             return Met::Nothing;
         };
@@ -119,7 +120,7 @@ impl World {
                     hit,
                 }
             }
-            Entry::Placed(number) => Met::Surface(self.interaction(number, ray, &hit)),
+            Entry::Placed(number) => Met::Surface(self.interaction(number, ray, cone, &hit)),
         }
     }
 
@@ -132,7 +133,7 @@ impl World {
         let mut transmittance = 1.0;
         // Each turn moves on to the next surface; more than this many are as good as opaque.
         for _ in 0..256 {
-            match self.meet(&ray) {
+            match self.meet(&ray, Cone::LINE) {
                 Met::Nothing => return transmittance,
                 Met::Light { .. } => return 0.0,
                 Met::Surface(interaction) => {

@@ -5,10 +5,12 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 use relievo_ptex::{DataType, Format, Res, Writer};
 
-use super::{How, Method, objects};
+use super::textures::Textures;
+use super::{BuildOptions, How, Method, objects};
 use crate::accel::MaxError;
 use crate::error::Warnings;
-use crate::math::{Ray, Vec2, Vec3};
+use crate::image::PtexTexture;
+use crate::math::{Area, Ray, Vec2, Vec3};
 use crate::mesh::{ControlMesh, ptex_face_count, ptex_faces, ptex_kind};
 use crate::scene::{Geometry, LoadOptions, load};
 use crate::surface::tests::effort;
@@ -150,4 +152,52 @@ fn no_ray_escapes_what_ptex_displaces() {
         println!("{}: {escaped} of {rays}", method.name());
         assert_eq!(escaped, 0, "{}", method.name());
     }
+}
+
+/// However many nodes read a file, and displacement beside them.
+#[test]
+fn a_file_is_held_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("prism.usda");
+    let colours = r#"
+        color3f inputs:diffuseColor.connect = </Rough/Heights.outputs:rgb>
+        color3f inputs:emissiveColor.connect = </Rough/Plain.outputs:rgb>
+        token outputs:surface
+    }
+    def Shader "Plain" {
+        uniform token info:id = "RelievoPtexTexture"
+        asset inputs:file = @./heights.ptx@
+        token inputs:sourceColorSpace = "raw"
+        color3f outputs:rgb
+    }
+    def Shader "Heights" {
+        color3f outputs:rgb"#;
+    let scene = PRISM
+        .replace("    }\n    def Shader \"Heights\" {", colours)
+        .replace(
+            "def Material \"Rough\" {",
+            "def Material \"Rough\" {\n    token outputs:surface.connect = </Rough/Surface.outputs:surface>",
+        );
+    std::fs::write(&path, scene).expect("the folder takes files");
+    let scene = load(&path, &LoadOptions::default()).expect("a scene");
+    let Geometry::Mesh(mesh) = &scene.shapes[0].geometry else {
+        panic!("not a mesh");
+    };
+    let written = heights(mesh).write(folder.path().join("heights.ptx"));
+    written.expect("the folder takes files");
+    let textures = Textures::load(&scene, &BuildOptions::default(), &mut Warnings::default());
+    let textures = textures.expect("a file");
+    assert_eq!(textures.files().count(), 3);
+    let look = |texture: &PtexTexture| {
+        for face in 0..ptex_face_count(mesh) {
+            texture.eval(face, Vec2::splat(0.5), &Area::POINT);
+        }
+        assert!(texture.fault().is_none());
+        textures.memory()
+    };
+    let held: Vec<usize> = textures.files().map(|texture| look(texture)).collect();
+    assert!(
+        held[0] > 0 && held.iter().all(|bytes| *bytes == held[0]),
+        "{held:?}"
+    );
 }

@@ -156,6 +156,43 @@ impl Shape {
         }
     }
 
+    /// Texture coordinates that a slot holds, with their derivatives by the parameters of the place.
+    pub(super) fn coordinates(
+        &self,
+        geometry: &Geometry,
+        slot: usize,
+        place: Place,
+    ) -> (Vec2, [Vec2; 2]) {
+        let st = |uv: Vec2| {
+            let mut out = [0.0; 2];
+            self.primvar(geometry, slot, Place { uv, ..place }, &mut out);
+            Vec2::from(out)
+        };
+        match &self.surface {
+            Surface::Smooth(Smooth { carrier, .. }) => {
+                match carrier.primvar_first_slopes(slot, place.face, place.uv) {
+                    Some(known) => (known.st, [known.du, known.dv]),
+                    None => (st(place.uv), [Vec2::ZERO; 2]),
+                }
+            }
+            Surface::Subdivision { .. } => (st(place.uv), self.differences(geometry, slot, place)),
+            // Linear over a triangle.
+            Surface::Polygons(_) => {
+                let first = st(Vec2::ZERO);
+                (st(place.uv), [Vec2::X, Vec2::Y].map(|uv| st(uv) - first))
+            }
+        }
+    }
+
+    /// The derivatives of the parameters on the Ptex face by those of the place.
+    pub(super) fn ptex_slopes(&self, Place { face, uv }: Place) -> [Vec2; 2] {
+        match &self.surface {
+            Surface::Smooth(Smooth { carrier, .. }) => carrier.ptex_slopes(face, uv),
+            // Embree's faces and sub-faces are Ptex faces.
+            Surface::Subdivision { .. } | Surface::Polygons(_) => [Vec2::X, Vec2::Y],
+        }
+    }
+
     /// Directions in which the texture coordinates that a slot holds grow, object space.
     pub(super) fn tangents(
         &self,
@@ -173,14 +210,12 @@ impl Shape {
                 self.differences(geometry, slot, place)
             }
         };
-        let determinant = along_u.perp_dot(along_v);
-        if determinant.abs() < 1e-20 {
-            return None;
-        }
-        let [du, dv] = point.derivatives;
-        let along_s = (du * along_v.y - dv * along_u.y) / determinant;
-        let along_t = (dv * along_u.x - du * along_v.x) / determinant;
-        Some([along_s, along_t])
+        growing(point, [along_u, along_v])
+    }
+
+    /// Directions in which the parameters of the Ptex face grow, object space.
+    pub(super) fn face_tangents(&self, place: Place, point: &Point) -> Option<[Vec3; 2]> {
+        growing(point, self.ptex_slopes(place))
     }
 
     /// Derivatives of texture coordinates over a small step in the face's own parameters.
@@ -202,6 +237,18 @@ impl Shape {
             (st(uv + Vec2::new(0.0, step.y)) - here) / step.y,
         ]
     }
+}
+
+/// Directions in which coordinates grow that have these derivatives by the parameters of a point's place.
+fn growing(point: &Point, [along_u, along_v]: [Vec2; 2]) -> Option<[Vec3; 2]> {
+    let determinant = along_u.perp_dot(along_v);
+    if determinant.abs() < 1e-20 {
+        return None;
+    }
+    let [du, dv] = point.derivatives;
+    let along_s = (du * along_v.y - dv * along_u.y) / determinant;
+    let along_t = (dv * along_u.x - du * along_v.x) / determinant;
+    Some([along_s, along_t])
 }
 
 impl Surface {

@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use glam::Vec4;
 use rayon::prelude::*;
-use relievo_ptex::{Cache, MeshType};
+use relievo_ptex::{Cache, MeshType, Reader};
 
 use super::build::BuildOptions;
 use crate::error::{Fault, Result, Warnings};
-use crate::image::{PtexTexture, Texture};
-use crate::math::{Vec2, Vec3};
+use crate::image::{ImageSource, PtexTexture, Texture};
+use crate::math::{Area, Vec2, Vec3};
 use crate::mesh::{Scheme, ptex_face_count, ptex_kind};
 use crate::scene::{
     self, ColorSpace, Description, Input, PreviewSurface, PtexFilter, PtexMap, PtexOptions,
@@ -32,7 +32,7 @@ pub(super) struct Textures {
 }
 
 impl Textures {
-    /// Reads images whole, and opens Ptex files.
+    /// Reads images whole, and opens Ptex files, each of them once.
     ///
     /// # Errors
     /// What cannot be read, unless the options have a colour instead.
@@ -45,10 +45,21 @@ impl Textures {
         let cache = Cache::new(PTEX_CACHE);
         let mut ptex = Vec::new();
         let mut heights = Vec::new();
+        let mut readers: Vec<(&ImageSource, Result<Reader, Fault>)> = Vec::new();
         for (i, source) in description.ptex.iter().enumerate() {
+            // However it is read, a file is open once, and its texels are held once.
+            let known = readers
+                .iter()
+                .position(|(image, _)| **image == source.image);
+            let number = known.unwrap_or_else(|| {
+                readers.push((&source.image, PtexTexture::open(&source.image, &cache)));
+                readers.len() - 1
+            });
+            let reader = &readers[number].1;
             let mut open = |how: &PtexOptions| {
                 let constant = |value| Arc::new(PtexTexture::constant(value));
-                PtexTexture::open(&source.image, how, &cache).map_or_else(
+                let texture = (reader.clone()).and_then(|reader| PtexTexture::new(reader, how));
+                texture.map_or_else(
                     |fault| missing(fault, &source.prim, options, warnings).map(constant),
                     |texture| Ok(Arc::new(texture)),
                 )
@@ -188,14 +199,14 @@ fn displacement_map(surface: &PreviewSurface) -> Option<&PtexMap> {
 }
 
 impl Lookup for Texture {
-    fn eval(&self, st: Vec2) -> Vec4 {
-        Self::eval(self, st)
+    fn eval(&self, st: Vec2, area: &Area) -> Vec4 {
+        self.filtered(st, area)
     }
 }
 
 impl FaceLookup for PtexTexture {
-    fn eval(&self, face: u32, uv: Vec2) -> Vec4 {
-        Self::eval(self, face, uv)
+    fn eval(&self, face: u32, uv: Vec2, area: &Area) -> Vec4 {
+        Self::eval(self, face, uv, area)
     }
 }
 
@@ -235,11 +246,14 @@ fn load_images(
             if options.clay.is_some() && !serves_clay(description, i) {
                 return Ok(Texture::constant(Vec4::ONE));
             }
-            Texture::load(
-                &source.image,
-                [source.wrap_s, source.wrap_t],
-                source.color_space,
-            )
+            // What else reads images looks them up one texel wide.
+            let load = if options.clay.is_none() && description.is_shaded_by(i) {
+                Texture::load_levels
+            } else {
+                Texture::load
+            };
+            let wrap = [source.wrap_s, source.wrap_t];
+            load(&source.image, wrap, source.color_space)
         })
         .collect();
     loaded

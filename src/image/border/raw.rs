@@ -2,7 +2,7 @@
 
 use openimageio_sys as sys;
 
-use super::{Input, Kind, Refusal, c_string, call, text_of};
+use super::{Input, Refusal, c_string, call, text_of};
 use crate::image::picture::ChannelFormat;
 
 impl Input {
@@ -73,19 +73,6 @@ impl Input {
             }
         })?;
         Ok(text_of(&text))
-    }
-
-    /// Width and height of a MIP level of a part; `None`: there is no such level, or no such part.
-    pub(in crate::image) fn level_size(
-        &mut self,
-        part: u32,
-        level: u32,
-    ) -> Result<Option<[u32; 2]>, Refusal> {
-        match self.level_info(part, level) {
-            Ok(info) => Ok(Some([info.width, info.height])),
-            Err(refusal) if refusal.kind == Kind::Absent => Ok(None),
-            Err(refusal) => Err(refusal),
-        }
     }
 
     /// All channels of a MIP level of a part, bit by bit.

@@ -1,6 +1,6 @@
 //! Textures as displacement: many look-ups at once, derivatives of the filter, and the texels behind them.
 
-use super::{Pixels, Texture, Tile, Wrap};
+use super::{Pixels, Texture, Wrap};
 use crate::math::{Vec2, Vec4};
 
 impl Texture {
@@ -107,17 +107,6 @@ impl Texture {
             [Wrap::Clamp; 2]
         } else {
             self.wrap
-        }
-    }
-
-    /// The image at `st`, and where in it.
-    fn place(&self, st: Vec2) -> Option<(&Tile, Vec2, [Wrap; 2])> {
-        let st = finite(st);
-        if self.udim {
-            let (tile, st) = self.udim_tile(st)?;
-            Some((tile, st, [Wrap::Clamp; 2]))
-        } else {
-            Some((&self.tiles[0], st, self.wrap))
         }
     }
 }

@@ -8,7 +8,7 @@ use openusd_schemas::shade::MaterialBindingAPI;
 use super::value;
 use super::walk::{Inherited, Reader, has};
 use crate::math::{Vec3, Vec4};
-use crate::scene::{Channels, Input, Material, PreviewSurface, PtexMap, TextureMap};
+use crate::scene::{Channels, Input, Material, NormalMap, PreviewSurface, PtexMap, TextureMap};
 
 /// Connections are followed this far.
 const MAX_HOPS: usize = 64;
@@ -215,7 +215,8 @@ impl Reader {
                 self.plain(s, "useSpecularWorkflow").unwrap_or(0.0_f32) != 0.0;
             out.opacity_threshold = self.plain(s, "opacityThreshold").unwrap_or(0.0);
             out.normal = match self.input(s, "normal", Vec3::Z) {
-                Input::Texture(map) => Some(map),
+                Input::Texture(map) => Some(NormalMap::Image(map)),
+                Input::Ptex(map) => Some(NormalMap::Ptex(map)),
                 _ => None,
             };
         }
