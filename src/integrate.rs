@@ -193,7 +193,10 @@ pub fn path(
             position: interaction.position,
             specular,
         });
-        ray = Ray::new(origin, sample.wi, ray.time);
+        ray = Ray {
+            t_min: interaction.clear,
+            ..Ray::new(origin, sample.wi, ray.time)
+        };
     }
 }
 
@@ -246,13 +249,18 @@ fn power_heuristic(this: f32, other: f32) -> f32 {
 fn shadow_ray(interaction: &Interaction, wi: Vec3, distance: f32, time: f32) -> Ray {
     let origin = interaction.leave(wi);
     if distance.is_infinite() {
-        return Ray::new(origin, wi, time);
+        return Ray {
+            t_min: interaction.clear,
+            ..Ray::new(origin, wi, time)
+        };
     }
     let to = interaction.position + distance * wi - origin;
     let distance = to.length();
-    let mut ray = Ray::new(origin, to / distance, time);
-    ray.t_max = distance * (1.0 - 1e-4);
-    ray
+    Ray {
+        t_min: interaction.clear,
+        t_max: distance * (1.0 - 1e-4),
+        ..Ray::new(origin, to / distance, time)
+    }
 }
 
 fn direct(

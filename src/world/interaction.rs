@@ -33,6 +33,9 @@ pub struct Interaction {
     pub emission: Vec3,
     /// From the ray's origin, in lengths of its direction.
     pub t: f32,
+    /// Rays that leave ask for nothing nearer. Where hits are but near to the surface, what is around is as thick as
+    /// they may be off, and in the way of rays that the surface itself lets go.
+    pub clear: f32,
     error: f32,
     params: SurfaceParams,
 }
@@ -183,6 +186,7 @@ impl World {
             opacity: resolved.opacity,
             emission: resolved.emission,
             t: hit.t,
+            clear: if shape.is_near_only() { own_error } else { 0.0 },
             error,
             params: resolved.params,
         }
