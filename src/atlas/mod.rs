@@ -57,6 +57,34 @@ impl Default for AtlasOptions {
     }
 }
 
+impl AtlasOptions {
+    /// Checks that all numbers are in their ranges.
+    ///
+    /// # Errors
+    /// The first one that is not.
+    pub fn check(&self) -> Result<(), Fault> {
+        let Self {
+            resolution,
+            margin,
+            most_stretch,
+            ..
+        } = self;
+        if !(1..=MOST_TEXELS).contains(resolution) {
+            let message = format!("a resolution of {resolution} texels");
+            return Err(Fault::new(message).advise(format!("ask for 1 to {MOST_TEXELS}")));
+        }
+        if !(0.0..f64::from(*resolution)).contains(margin) {
+            let message = format!("a margin of {margin} texels in {resolution}");
+            return Err(Fault::new(message).advise("ask for 0 to fewer than the resolution"));
+        }
+        if !(*most_stretch > 1.0 && most_stretch.is_finite()) {
+            let message = format!("a stretch of at most {most_stretch}");
+            return Err(Fault::new(message).advise("ask for a number above 1"));
+        }
+        Ok(())
+    }
+}
+
 /// Texture coordinates of a cage, and its charts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Atlas {
@@ -89,7 +117,7 @@ impl Atlas {
 /// # Errors
 /// A mesh that is not valid or has no faces, options out of range, or more charts than fit with their margins.
 pub fn atlas(mesh: &ControlMesh, options: &AtlasOptions) -> Result<Atlas, Fault> {
-    check_options(options)?;
+    options.check()?;
     mesh.validate()?;
     if mesh.face_count() == 0 {
         return Err(Fault::new("the mesh has no faces").advise("give a mesh with faces"));
@@ -127,28 +155,6 @@ pub fn atlas(mesh: &ControlMesh, options: &AtlasOptions) -> Result<Atlas, Fault>
         Fault::new("its faces are too different in size for one picture: coordinates cannot tell their corners apart")
             .advise("split the mesh, or remove faces that are next to nothing"),
     )
-}
-
-fn check_options(options: &AtlasOptions) -> Result<(), Fault> {
-    let AtlasOptions {
-        resolution,
-        margin,
-        most_stretch,
-        ..
-    } = options;
-    if !(1..=MOST_TEXELS).contains(resolution) {
-        let message = format!("a resolution of {resolution} texels");
-        return Err(Fault::new(message).advise(format!("ask for 1 to {MOST_TEXELS}")));
-    }
-    if !(0.0..f64::from(*resolution)).contains(margin) {
-        let message = format!("a margin of {margin} texels in {resolution}");
-        return Err(Fault::new(message).advise("ask for 0 to fewer than the resolution"));
-    }
-    if !(*most_stretch > 1.0 && most_stretch.is_finite()) {
-        let message = format!("a stretch of at most {most_stretch}");
-        return Err(Fault::new(message).advise("ask for a number above 1"));
-    }
-    Ok(())
 }
 
 /// A chart's coordinates by node, in the precision that they are given in.

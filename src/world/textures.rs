@@ -235,7 +235,7 @@ fn load_images(
             if options.clay.is_some() && !serves_clay(description, i) {
                 return Ok(Texture::constant(Vec4::ONE));
             }
-            Texture::load(
+            Texture::load_by_coordinates(
                 &source.image,
                 [source.wrap_s, source.wrap_t],
                 source.color_space,
