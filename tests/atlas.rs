@@ -88,7 +88,11 @@ fn what_cannot_be_unfolded_is_said() {
     let bench = Bench::new();
     bench.write("cube.obj", CUBE);
     expect(run(&bench, "cube.obj -o a.png"), 2, &[".usda"]);
-    expect(run(&bench, "cube.obj -o a.obj --margin -1"), 2, &["margin"]);
+    expect(
+        run(&bench, "cube.obj -o a.obj --margin 4000"),
+        2,
+        &["margin"],
+    );
     expect(
         run(&bench, "cube.obj -o a.obj --max-stretch 1"),
         2,

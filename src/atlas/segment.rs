@@ -104,8 +104,8 @@ impl<'a> Cutter<'a> {
                 after += 0.5 * triangle.weight * (b - a).perp_dot(c - a);
             }
         }
-        // Not above 0: turned over, or no number.
-        if !(after > 0.0) {
+        // Turned over.
+        if after.is_nan() || after <= 0.0 {
             return None;
         }
         let scale = (before / after).sqrt();

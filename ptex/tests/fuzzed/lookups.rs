@@ -52,7 +52,7 @@ pub fn run(bytes: &[u8]) {
 
 /// A file of a few small faces.
 fn file(input: &mut Input) -> Option<Reader> {
-    let triangles = input.byte() % 4 == 0;
+    let triangles = input.byte().is_multiple_of(4);
     let mesh_type = if triangles {
         MeshType::Triangle
     } else {

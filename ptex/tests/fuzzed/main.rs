@@ -62,9 +62,8 @@ fn change(bytes: &mut Vec<u8>, others: &[Vec<u8>], random: &mut Random) {
             0 => bytes[at] ^= 1 << random.below(8),
             1 => bytes[at] = random.next() as u8,
             2 => {
-                bytes[at] = bytes[at]
-                    .wrapping_add(random.below(9) as u8)
-                    .wrapping_sub(4)
+                let step = random.below(9) as u8;
+                bytes[at] = bytes[at].wrapping_add(step).wrapping_sub(4);
             }
             3 => {
                 let number = NUMBERS[random.below(NUMBERS.len())].to_le_bytes();
