@@ -98,6 +98,7 @@ fn what_cannot_be_unfolded_is_said() {
         2,
         &["stretch"],
     );
+    expect(run(&bench, "cube.obj -o a.obj --primvar 2d"), 2, &["2d"]);
     expect(run(&bench, "none.obj -o a.obj"), 3, &["none.obj"]);
     let small = run(&bench, "cube.obj -o a.obj --resolution 8 --margin 6");
     expect(small, 3, &["cube.obj", "do not fit into 8 x 8 texels"]);

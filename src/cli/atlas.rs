@@ -53,6 +53,17 @@ impl Atlas {
                 "give the output a name that ends in .obj or .usda",
             ));
         }
+        let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        if !self
+            .primvar
+            .starts_with(|c| is_word(c) && !c.is_ascii_digit())
+            || !self.primvar.chars().all(is_word)
+        {
+            return Err(Error::usage(
+                format!("--primvar {:?} is no name", self.primvar),
+                "use letters, digits and underscores, and begin with no digit",
+            ));
+        }
         let shape = load_mesh(&self.cage, self.prim.as_deref(), Wanted::Any)?;
         let mesh = shape.geometry.mesh().expect("it is a mesh");
         let options = AtlasOptions {
