@@ -7,9 +7,11 @@ RELIEVO     := target/release/relievo
 OUT         := out
 
 # What `make scenes` writes: large maps from a seed, one cage by five schemes.
+ATLAS_SEAMS := scenes/atlas-seams/made
 SCHEMES     := catmark loop doo-sabin butterfly sqrt3
 MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
                scenes/ptex/made/colours.ptx scenes/ptex/made/heights.ptx \
+               $(ATLAS_SEAMS)/atlas.usda $(ATLAS_SEAMS)/colours.exr $(ATLAS_SEAMS)/heights.exr \
                $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
 .PHONY: demo test bench plugin scenes fuzz leaks long-bounds deps build lint clean
@@ -46,6 +48,15 @@ scenes/creature/made/scales.exr: $(wildcard examples/make_scenes/*.rs)
 
 scenes/ptex/made/%.ptx: scenes/ptex/ptex.usda $(wildcard examples/make_scenes/*.rs)
 	$(MAKE_SCENES) gourd $< $* $@
+
+$(ATLAS_SEAMS)/atlas.usda: scenes/ptex/ptex.usda src/cli/atlas.rs $(wildcard src/atlas/*.rs)
+	@mkdir -p $(@D)
+	cargo run --release $(CARGO_FLAGS) -- atlas $< --prim /World/Gourd --margin 8 -o $@
+
+# Margins stay empty: the seams are what the scene is for.
+$(ATLAS_SEAMS)/%.exr: scenes/ptex/made/%.ptx $(ATLAS_SEAMS)/atlas.usda scenes/atlas-seams/atlas-seams.usda \
+                      $(wildcard examples/make_scenes/*.rs)
+	$(MAKE_SCENES) unwrapped scenes/atlas-seams/atlas-seams.usda $< 1024 0 $@
 
 # √3 makes three faces of one and not four: it takes two levels more.
 scenes/schemes/made/%.usda: scenes/schemes/cage.obj src/cli/subdivide.rs $(wildcard src/subdiv/schemes/*.rs)

@@ -8,12 +8,14 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Lowest first: a module and the modules that it may use. What stands below it in the list it may not.
-const LAYERS: [(&str, &[&str]); 21] = [
+const LAYERS: [(&str, &[&str]); 22] = [
     ("error", &[]),
     ("math", &[]),
     // A file of sections: what they hold it does not know.
     ("store", &["error"]),
     ("mesh", &["error", "math"]),
+    // Of the cage alone: limit surfaces do not matter to it.
+    ("atlas", &["error", "math", "mesh"]),
     // Tells a store what a texture holds.
     ("image", &["error", "math", "store"]),
     // Statistics are written like pictures: whole or not at all.

@@ -287,3 +287,25 @@ fn what_does_not_fit_the_mesh_is_bad_input() {
     assert_eq!(code, 3, "{said}");
     assert!(said.contains("subdivision"), "{said}");
 }
+
+#[test]
+fn a_ptex_file_on_an_ordinary_texture_is_bad_input() {
+    let bench = Bench::new();
+    let body = PRISM
+        .replace("SCHEME", "catmullClark")
+        .replace("RelievoPtexTexture", "UsdUVTexture");
+    bench.write("prism.usda", format!("#usda 1.0\n{body}"));
+    let format = Format::new(relievo_ptex::MeshType::Quad, DataType::U8, 3);
+    let file = Writer::new(format, 18).expect("a format");
+    for name in ["glow.ptx", "glow.png"] {
+        // Not its name says what it is.
+        let body = body.replace("glow.ptx", name);
+        bench.write("prism.usda", format!("#usda 1.0\n{body}"));
+        file.write(bench.path(name)).expect("a file");
+        let (code, said) = bench.render("prism.usda", &[]);
+        assert_eq!(code, 3, "{said}");
+        for word in [name, "/Glow/Ptex", "RelievoPtexTexture"] {
+            assert!(said.contains(word), "{word}: {said}");
+        }
+    }
+}

@@ -1,6 +1,7 @@
 //! The gourd's Ptex files: warts around points that are spread over a sphere, painted on the limit surface itself.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use relievo::error::{Fault, Result};
 use relievo::math::{Vec2, Vec3};
@@ -14,15 +15,7 @@ const WARTS: u32 = 260;
 
 /// What is painted: a colour, or a height.
 pub(crate) fn write(scene: &str, what: &str, path: &str) -> Result<()> {
-    let description = load(Path::new(scene), &LoadOptions::default())?;
-    let mesh = description
-        .shapes
-        .iter()
-        .find_map(|shape| match &shape.geometry {
-            Geometry::Mesh(mesh) if shape.path.ends_with("/Gourd") => Some(mesh),
-            _ => None,
-        })
-        .ok_or_else(|| Fault::new("there is no mesh named Gourd").in_file(scene))?;
+    let mesh = &mesh(scene)?;
     let (data_type, channels) = match what {
         "colours" => (DataType::U8, 3),
         _ => (DataType::U16, 1),
@@ -58,6 +51,20 @@ pub(crate) fn write(scene: &str, what: &str, path: &str) -> Result<()> {
             .map_err(|e| Fault::new(format!("cannot be made: {e}")).in_file(folder))?;
     }
     Ok(writer.write(path)?)
+}
+
+/// The gourd of a scene.
+pub(crate) fn mesh(scene: &str) -> Result<Arc<ControlMesh>> {
+    let description = load(Path::new(scene), &LoadOptions::default())?;
+    let gourd = description
+        .shapes
+        .into_iter()
+        .find_map(|shape| match shape.geometry {
+            Geometry::Mesh(mesh) if shape.path.ends_with("/Gourd") => Some(mesh),
+            _ => None,
+        });
+    let fault = || Fault::new("there is no mesh named Gourd").in_file(scene);
+    Ok(gourd.ok_or_else(fault)?)
 }
 
 /// The middles of all texels, row by row.

@@ -1,14 +1,15 @@
 //! Makes what the scenes need and the repository does not hold: maps from a seed, the creature's cage, the gourd's
-//! Ptex files.
+//! Ptex files, and these as images.
 //!
 //! `make scenes` runs it: `make_scenes relief OUT.exr`, `make_scenes scales OUT.exr`, `make_scenes tortoise OUT.usda`,
-//! `make_scenes gourd SCENE.usda colours|heights OUT.ptx`.
+//! `make_scenes gourd SCENE.usda colours|heights OUT.ptx`, `make_scenes unwrapped SCENE.usda IN.ptx TEXELS MARGIN OUT.exr`.
 //! The same arguments give the same bytes.
 
 mod gourd;
 mod maps;
 mod noise;
 mod tortoise;
+mod unwrapped;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -26,10 +27,15 @@ fn main() -> ExitCode {
         ["relief", path] => write_map(path, 4096, &maps::Relief::new(SEED)),
         ["scales", path] => write_map(path, 1024, &maps::Scales::new(SEED)),
         ["gourd", scene, what @ ("colours" | "heights"), path] => gourd::write(scene, what, path),
+        ["unwrapped", scene, ptex, size, margin, path] => match (size.parse(), margin.parse()) {
+            (Ok(size), Ok(margin)) => unwrapped::write(scene, ptex, [size, margin], path),
+            _ => return fail(&format!("{size} and {margin} are no numbers of texels"), 2),
+        },
         ["tortoise", path] => write_text(path, &tortoise::usda()),
         _ => {
             let usage = "usage: make_scenes relief|scales OUT.exr, make_scenes tortoise OUT.usda, \
-                         or make_scenes gourd SCENE.usda colours|heights OUT.ptx";
+                         make_scenes gourd SCENE.usda colours|heights OUT.ptx, \
+                         or make_scenes unwrapped SCENE.usda IN.ptx TEXELS MARGIN OUT.exr";
             return fail(usage, 2);
         }
     };
@@ -87,18 +93,17 @@ fn write_map(path: &str, size: u32, map: &dyn HeightMap) -> Result<()> {
         tile: None,
         compression: Compression::Zips,
     };
-    write_exr(&with_folder(path)?, &picture)
+    write_exr(&with_folder(Path::new(path))?, &picture)
 }
 
 fn write_text(path: &str, text: &str) -> Result<()> {
-    relievo::image::write_whole(&with_folder(path)?, |path| {
+    relievo::image::write_whole(&with_folder(Path::new(path))?, |path| {
         std::fs::write(path, text).map_err(|e| relievo::Error::failed(e.to_string()))
     })
 }
 
 /// Makes the file's folder.
-fn with_folder(path: &str) -> Result<PathBuf> {
-    let path = Path::new(path);
+fn with_folder(path: &Path) -> Result<PathBuf> {
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder)
             .map_err(|e| relievo::Error::failed(format!("{}: {e}", folder.display())))?;

@@ -48,6 +48,7 @@ impl Info {
         let textures: Vec<_> = scene
             .textures
             .par_iter()
+<<<<<<< HEAD
             .enumerate()
             .map(|(i, t)| {
                 let load = if scene.is_shaded_by(i) {
@@ -57,6 +58,9 @@ impl Info {
                 };
                 load(&t.image, [t.wrap_s, t.wrap_t], t.color_space)
             })
+=======
+            .map(|t| Texture::load_by_coordinates(&t.image, [t.wrap_s, t.wrap_t], t.color_space))
+>>>>>>> atlas
             .collect();
         let missing = textures.iter().filter(|t| t.is_err()).count();
         let bytes: usize = textures.iter().flatten().map(Texture::memory).sum();

@@ -1,7 +1,9 @@
 //! The command line, one file a command.
 
+mod atlas;
 mod bench;
 mod build;
+mod cage;
 mod compare;
 mod eval;
 mod info;
@@ -56,6 +58,8 @@ enum Command {
     Info(info::Info),
     /// Refine a cage to a finer OBJ file.
     Subdivide(subdivide::Subdivide),
+    /// Give a cage texture coordinates.
+    Atlas(atlas::Atlas),
     /// Evaluate the limit surface of a cage.
     Eval(eval::Eval),
     /// Check all ways of tracing a scene against each other.
@@ -98,6 +102,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Build(build) => build.run(arguments.quiet),
         Command::Info(info) => info.run(),
         Command::Subdivide(subdivide) => subdivide.run(),
+        Command::Atlas(atlas) => atlas.run(),
         Command::Eval(eval) => eval.run(),
         Command::Verify(verify) => verify.run(),
         Command::Bench(bench) => bench.run(),

@@ -225,8 +225,8 @@ fn usda_text(mesh: &ControlMesh) -> String {
     )
 }
 
-/// A mesh as an OBJ file with OpenSubdiv's tags.
-fn obj_text(mesh: &ControlMesh) -> String {
+/// A mesh as an OBJ file with OpenSubdiv's tags. Corners run counterclockwise in it, seen from the front.
+pub(super) fn obj_text(mesh: &ControlMesh) -> String {
     let mut text = String::new();
     let mut line = |line: std::fmt::Arguments<'_>| {
         text.write_fmt(line)
@@ -242,7 +242,13 @@ fn obj_text(mesh: &ControlMesh) -> String {
         line(format_args!("vt {} {}", vt[0], vt[1]));
     }
     for face in mesh.faces() {
+        let end = face.start + face.end - 1;
         let corners = face.map(|corner| {
+            let corner = if mesh.left_handed {
+                end - corner
+            } else {
+                corner
+            };
             let point = mesh.face_vertex_indices[corner] + 1;
             match st {
                 Some(st) => {

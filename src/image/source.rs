@@ -1,5 +1,7 @@
 //! What to read, and how its numbers are meant.
 
+use std::fs::File;
+use std::io::Read;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -15,6 +17,21 @@ pub enum ImageSource {
         /// (UDIM tile or 0, name in the package, the file's bytes).
         tiles: Vec<(u32, String, Arc<[u8]>)>,
     },
+}
+
+impl ImageSource {
+    /// Whether it begins as Ptex files do, whatever its name is. False if it cannot be read.
+    pub fn is_ptex(&self) -> bool {
+        let mut start = [0; 4];
+        let read = match self {
+            Self::File(path) => File::open(path).and_then(|mut file| file.read_exact(&mut start)),
+            Self::Packed { tiles, .. } => {
+                let mut bytes = tiles.first().map_or(&[][..], |(_, _, bytes)| bytes);
+                bytes.read_exact(&mut start)
+            }
+        };
+        read.is_ok() && start == *b"Ptex"
+    }
 }
 
 impl std::fmt::Display for ImageSource {

@@ -151,6 +151,28 @@ impl Texture {
         })
     }
 
+    /// As [`load`](Self::load), for lookups by texture coordinates: a Ptex file is refused, because coordinates tell
+    /// none of its faces from another.
+    pub fn load_by_coordinates(
+        source: &ImageSource,
+        wrap: [Wrap; 2],
+        color_space: ColorSpace,
+    ) -> Result<Self, Fault> {
+        if source.is_ptex() {
+            let message = "is a Ptex file: texture coordinates lead to none of its faces";
+            let fault = match source {
+                ImageSource::File(path) => Fault::new(message).in_file(path),
+                ImageSource::Packed { package, .. } => {
+                    Fault::new(format!("{source} {message}")).in_file(package)
+                }
+            };
+            return Err(fault.advise(
+                "look it up by a RelievoPtexTexture in place of the UsdUVTexture, or make an image of it",
+            ));
+        }
+        Self::load(source, wrap, color_space)
+    }
+
     /// The same value everywhere: stands in for an image that is missing.
     pub fn constant(value: Vec4) -> Self {
         let mut pixels = value.to_array().to_vec();

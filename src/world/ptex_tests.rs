@@ -115,6 +115,7 @@ fn no_ray_escapes_what_ptex_displaces() {
     let device = Device::new(&DeviceOptions::default()).expect("a device");
     let rates = Rates::by_edge(&surface, |edge| 3 + (edge * 7 + edge / 3) % 14);
     let faces = surface.base().faces();
+    let mut lost = Vec::new();
     for method in Method::ALL {
         let how = How {
             max_error: MaxError::Usual,
@@ -150,8 +151,9 @@ fn no_ray_escapes_what_ptex_displaces() {
         });
         let escaped = escaped.into_inner();
         println!("{}: {escaped} of {rays}", method.name());
-        assert_eq!(escaped, 0, "{}", method.name());
+        lost.extend((escaped > 0).then(|| (method.name(), escaped)));
     }
+    assert!(lost.is_empty(), "{lost:?}");
 }
 
 /// However many nodes read a file, and displacement beside them.

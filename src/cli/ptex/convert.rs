@@ -9,10 +9,11 @@ use relievo::convert::{
 };
 use relievo::error::Fault;
 use relievo::image::{ColorSpace, ImageSource, Texture, Wrap, check_destination};
-use relievo::mesh::{ControlMesh, Scheme};
-use relievo::scene::{self, LoadOptions};
+use relievo::mesh::ControlMesh;
 use relievo::{Error, Result};
 use relievo_ptex::{Cache, DataType, ErrorKind, MAX_LOG2, Reader, Writer};
+
+use crate::cli::cage::{Wanted, load_mesh};
 
 /// Make Ptex files from images, images from Ptex files, and Ptex files in other sizes and types.
 ///
@@ -295,47 +296,13 @@ fn kind_of(path: &Path) -> Option<Kind> {
 
 /// The subdivision surface of a file, or the one with that path; and its path.
 fn load_cage(file: &Path, prim: Option<&str>, primvar: &str) -> Result<(Arc<ControlMesh>, String)> {
-    let scene = scene::load(file, &LoadOptions::default())?;
-    for warning in scene.warnings.iter() {
-        tracing::warn!("{}", warning.message);
-    }
-    let cages = scene.shapes.iter().filter_map(|shape| {
-        let mesh = shape.geometry.mesh()?;
-        (mesh.scheme != Scheme::None).then_some((shape, mesh))
-    });
-    let mut cages: Vec<_> = cages.collect();
-    let paths: Vec<&str> = cages.iter().map(|(shape, _)| shape.path.as_str()).collect();
-    let names = paths.join(", ");
-    if cages.is_empty() {
-        return Err(Fault::new("there is no subdivision surface in it")
-            .in_file(file)
-            .advise("give a mesh with a subdivision scheme: only those have Ptex faces")
-            .into());
-    }
-    if let Some(prim) = prim {
-        cages.retain(|(shape, _)| shape.path == prim);
-    }
-    let [(shape, mesh)] = cages[..] else {
-        let fault = match prim {
-            Some(prim) if cages.is_empty() => {
-                Fault::new(format!("there is no subdivision surface {prim} in it"))
-            }
-            Some(prim) => Fault::new(format!("there are {} of the path {prim}", cages.len())),
-            None => Fault::new(format!(
-                "there are {} subdivision surfaces in it",
-                cages.len()
-            )),
-        };
-        return Err(fault
-            .in_file(file)
-            .advise(format!("name one of them by --prim: {names}"))
-            .into());
-    };
+    let shape = load_mesh(file, prim, Wanted::Subdivision)?;
     if let Some(unusable) = (shape.unusable_primvars.iter()).find(|u| u.name == primvar) {
         let fault = unusable.fault.clone().at_prim(shape.path.as_str());
         return Err(fault.in_file(file).into());
     }
-    Ok((mesh.clone(), shape.path.clone()))
+    let mesh = shape.geometry.mesh().expect("it is a mesh");
+    Ok((mesh.clone(), shape.path))
 }
 
 impl From<TypeName> for DataType {
