@@ -1,5 +1,6 @@
 //! The command line, one file a command.
 
+mod bake;
 mod bench;
 mod build;
 mod compare;
@@ -62,6 +63,8 @@ enum Command {
     Verify(verify::Verify),
     /// Measure all ways of tracing a scene.
     Bench(bench::Bench),
+    /// Bake a dense mesh into displacement over a cage.
+    Bake(Box<bake::Bake>),
     /// Look into Ptex files, check and convert them.
     #[command(subcommand)]
     Ptex(ptex::Ptex),
@@ -91,6 +94,7 @@ pub(crate) fn run() -> ExitCode {
     let json = match &arguments.command {
         Command::Render(render) => render.reports_json(),
         Command::Build(build) => build.reports_json(),
+        Command::Bake(bake) => bake.reports_json(),
         _ => false,
     };
     let result = match arguments.command {
@@ -101,6 +105,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Eval(eval) => eval.run(),
         Command::Verify(verify) => verify.run(),
         Command::Bench(bench) => bench.run(),
+        Command::Bake(bake) => bake.run(arguments.quiet),
         Command::Ptex(ptex) => ptex.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();

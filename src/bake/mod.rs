@@ -1,0 +1,160 @@
+//! Baking: what a dense mesh has beyond the limit surface of a cage, as displacement.
+//!
+//! A [`Cage`] is the limit surface of a control mesh, a [`Dense`] is a mesh of polygons behind Embree. [`to_ptex`]
+//! looks from each texel's place on the limit surface for the dense mesh, [along the normal](along_normal), fills what
+//! it misses from around, and reads the result back as a render will, to tell by how much that is off.
+//!
+//! The same meshes and options give the same bytes for any number of threads: each texel is found alone, and sums are
+//! taken face by face.
+
+mod along_normal;
+mod cage;
+mod dense;
+mod fill;
+mod ptex;
+mod residual;
+mod sizes;
+mod texels;
+
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use relievo_ptex::DataType;
+use serde::Serialize;
+
+use crate::error::{Error, Fault, Result};
+use crate::render::Progress;
+use along_normal::Facing;
+
+pub use cage::Cage;
+pub use dense::Dense;
+pub use ptex::{Baked, to_ptex};
+pub use residual::Residual;
+pub use sizes::Sizes;
+
+/// How to bake.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    /// How far from the limit surface the dense mesh is looked for, in units of the meshes' space; `None`: a tenth of
+    /// the diagonal of the dense mesh's box.
+    pub reach: Option<f64>,
+    /// Takes what is nearest, whichever way it faces. Else only what faces as the cage does is met.
+    pub two_sided: bool,
+    /// How many texels faces get.
+    pub sizes: Sizes,
+    /// Their type: floats or halves.
+    pub data_type: DataType,
+}
+
+/// The part of the diagonal of the dense mesh's box within which it is looked for.
+const REACH: f64 = 0.1;
+
+impl Options {
+    fn reach(&self, dense: &Dense) -> f64 {
+        let diagonal = f64::from(dense.bounds().extent().length());
+        self.reach.unwrap_or(REACH * diagonal)
+    }
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct Report {
+    /// Faces of the cage.
+    pub cage_faces: usize,
+    /// Triangles of the dense mesh.
+    pub dense_triangles: usize,
+    /// How far from the limit surface the dense mesh was looked for.
+    pub reach: f64,
+    /// Whether the dense mesh faces the other way than the cage, and was taken as turned.
+    pub turned: bool,
+    /// Texels on the limit surface.
+    pub texels: u64,
+    /// Those of them from which nothing was met, for any reason; they were filled from around.
+    pub missed: u64,
+    /// Those of the missed ones that met only what faces away.
+    pub faced_away: u64,
+    /// The least displacement that was met (of a vector, the least length).
+    pub least: f64,
+    /// The greatest one.
+    pub greatest: f64,
+    /// The largest difference between two texels side by side.
+    pub step: f64,
+    /// How far what a render reads between texels is from the dense mesh.
+    pub residual: Residual,
+}
+
+/// Tells how far a bake is, and whether it shall end.
+#[derive(Clone, Copy)]
+pub struct Run<'a> {
+    /// Is told.
+    pub progress: &'a Progress,
+    /// Is set when it shall end.
+    pub interrupt: &'a AtomicBool,
+}
+
+impl Run<'_> {
+    /// # Errors
+    /// [`Error::Interrupted`] if it shall end.
+    fn check(self) -> Result<()> {
+        match self.goes_on() {
+            true => Ok(()),
+            false => Err(Error::Interrupted),
+        }
+    }
+
+    /// Whether it shall not end.
+    pub fn goes_on(self) -> bool {
+        !self.interrupt.load(Ordering::Relaxed)
+    }
+}
+
+/// What is found of the dense mesh from a place on the limit surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Found {
+    /// The displacement: a height, or a vector.
+    Value([f32; 3]),
+    /// Nothing within reach, or only what faces away.
+    Missed { faced_away: bool },
+    /// There is no limit surface.
+    NoSurface,
+}
+
+/// Where displacements come from.
+trait Source: Sync {
+    /// Components of a displacement: 1 or 3.
+    fn channels(&self) -> usize;
+    /// At a place of a Ptex face.
+    fn find(&self, ptex: u32, uv: [f64; 2]) -> Found;
+}
+
+/// Displacement along the normal.
+struct Heights<'a> {
+    cage: &'a Cage,
+    dense: &'a Dense,
+    reach: f64,
+    facing: Facing,
+}
+
+impl Source for Heights<'_> {
+    fn channels(&self) -> usize {
+        1
+    }
+
+    fn find(&self, ptex: u32, uv: [f64; 2]) -> Found {
+        let Some(line) = self.cage.line(ptex, uv) else {
+            return Found::NoSurface;
+        };
+        match along_normal::closest(self.dense, &line, self.reach, self.facing) {
+            Ok(hit) => Found::Value([hit.height as f32, 0.0, 0.0]),
+            Err(faced_away) => Found::Missed { faced_away },
+        }
+    }
+}
+
+/// Nothing was met anywhere.
+fn nothing_met(reach: f64, faced_away: u64) -> Fault {
+    let message = format!("no normal of the cage's limit surface meets it within {reach}");
+    Fault::new(message).advise(match faced_away {
+        0 => "see whether both meshes lie in the same place at the same size, or raise --reach",
+        _ => "parts of it that face away are not met: give --two-sided, or turn its faces",
+    })
+}

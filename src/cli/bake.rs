@@ -1,0 +1,214 @@
+//! `relievo bake`.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use relievo::bake::{self, Baked, Cage, Dense, Options, Report, Run, Sizes};
+use relievo::image::check_destination;
+use relievo::mesh::ControlMesh;
+use relievo::trace::{Device, DeviceOptions};
+use relievo::{Error, Result};
+use relievo_ptex::{DataType, ErrorKind, MAX_LOG2, Writer};
+
+use super::eval::load_cage;
+use super::machine::{Machine, interrupt};
+use super::scheme::{BoundaryName, SchemeName};
+
+/// Bake a dense mesh into displacement over a cage's limit surface.
+///
+/// From the middle of each texel the dense mesh is looked for along the limit normal, in front and behind; the nearest
+/// point that faces as the cage does gives the displacement (Lee, Moreton and Hoppe 2000), in the meshes' own units.
+/// Texels that meet nothing are filled from around. What is printed tells how many these are, and how far a render of
+/// the result will be from the dense mesh.
+#[derive(Debug, Args)]
+pub(crate) struct Bake {
+    /// Dense mesh: an OBJ file of polygons.
+    dense: PathBuf,
+    /// Cage: an OBJ file, with OpenSubdiv's tags.
+    cage: PathBuf,
+    /// What to write: a Ptex file (.ptx) of the cage's faces.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// The cage's scheme [default: the first word of its name, else catmark].
+    #[arg(long, value_enum)]
+    scheme: Option<SchemeName>,
+    /// What happens at the cage's border [default: as its tags say].
+    #[arg(long, value_enum)]
+    boundary: Option<BoundaryName>,
+    /// How far from the limit surface to look [default: a tenth of the diagonal of the dense mesh's box].
+    #[arg(long, value_name = "DISTANCE", value_parser = above_zero)]
+    reach: Option<f64>,
+    /// Take what is nearest whichever way it faces: for dense meshes whose faces are not turned alike.
+    #[arg(long)]
+    two_sided: bool,
+    /// Texels for each edge of the dense mesh along u and v, at least; each face gets a power of two [default: 1].
+    #[arg(long, value_name = "N", value_parser = above_zero, conflicts_with = "texels")]
+    rate: Option<f64>,
+    /// Texels along u and v of all faces: a power of two.
+    #[arg(long, value_name = "N", value_parser = power_of_two)]
+    texels: Option<i8>,
+    /// Type of the texels.
+    #[arg(long = "type", value_enum, value_name = "TYPE", default_value_t = TypeName::F32)]
+    data_type: TypeName,
+    /// Print one JSON object instead of lines.
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    machine: Machine,
+}
+
+/// In which type texels are stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum TypeName {
+    /// Half floats.
+    #[value(alias = "half")]
+    F16,
+    /// Single floats.
+    #[value(alias = "float")]
+    F32,
+}
+
+impl From<TypeName> for DataType {
+    fn from(name: TypeName) -> Self {
+        match name {
+            TypeName::F16 => Self::F16,
+            TypeName::F32 => Self::F32,
+        }
+    }
+}
+
+fn above_zero(word: &str) -> Result<f64, String> {
+    let number = word.parse().ok();
+    number
+        .filter(|n: &f64| n.is_finite() && *n > 0.0)
+        .ok_or_else(|| "a number above 0".to_owned())
+}
+
+/// The logarithm.
+fn power_of_two(word: &str) -> Result<i8, String> {
+    let number: Option<u32> = word.parse().ok();
+    let number = number.filter(|n| n.is_power_of_two() && *n <= 1 << MAX_LOG2);
+    number
+        .map(|n| n.ilog2() as i8)
+        .ok_or_else(|| format!("a power of two, up to {}", 1 << MAX_LOG2))
+}
+
+impl Bake {
+    /// Whether all that is said shall be JSON.
+    pub(crate) fn reports_json(&self) -> bool {
+        self.machine.reports_json()
+    }
+
+    pub(crate) fn run(self, quiet: bool) -> Result<()> {
+        if !ends_in(&self.output, "ptx") {
+            return Err(Error::usage(
+                format!("{}: such a file cannot be written", self.output.display()),
+                "give the output a name that ends in .ptx",
+            ));
+        }
+        check_destination(&self.output)?;
+        let interrupt = interrupt()?;
+        let progress = self.machine.progress(quiet);
+        let run = Run {
+            progress: &progress,
+            interrupt: &interrupt,
+        };
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(self.machine.threads())
+            .build()
+            .map_err(|e| Error::failed(format!("cannot start threads: {e}")))?;
+        let device = Device::new(&DeviceOptions {
+            threads: pool.current_num_threads(),
+            memory_budget: self.machine.memory_budget,
+            ..DeviceOptions::default()
+        })?;
+        let result = pool.install(|| self.bake(&device, run));
+        progress.finish();
+        let report = result?;
+        if self.json {
+            let text = serde_json::to_string(&report)
+                .map_err(|e| Error::failed(format!("the report cannot be written as JSON: {e}")))?;
+            return super::print(format!("{text}\n").as_bytes());
+        }
+        super::print(text(&report).as_bytes())
+    }
+
+    fn bake(&self, device: &Device, run: Run<'_>) -> Result<Report> {
+        run.progress.stage("load", 3);
+        let cage = Cage::new(&self.load_cage()?, &self.cage)?;
+        run.progress.by(1);
+        let dense = load_cage(&self.dense)?;
+        run.progress.by(1);
+        let go_on = |_| run.goes_on();
+        let dense = Dense::new(&dense, &self.dense, device, &go_on)?;
+        let options = Options {
+            reach: self.reach,
+            two_sided: self.two_sided,
+            sizes: match self.texels {
+                Some(log2) => Sizes::Log2(log2),
+                None => Sizes::PerEdge(self.rate.unwrap_or(1.0)),
+            },
+            data_type: self.data_type.into(),
+        };
+        let Baked {
+            writer,
+            report,
+            warnings,
+        } = bake::to_ptex(&cage, &dense, &options, run)?;
+        run.progress.warn(&warnings);
+        self.write(&writer)?;
+        Ok(report)
+    }
+
+    fn load_cage(&self) -> Result<ControlMesh> {
+        let mut mesh = load_cage(&self.cage)?;
+        if let Some(scheme) = self.scheme {
+            scheme.apply(&mut mesh);
+        }
+        if let Some(boundary) = self.boundary {
+            boundary.apply(&mut mesh);
+        }
+        Ok(mesh)
+    }
+
+    fn write(&self, writer: &Writer) -> Result<()> {
+        writer.write(&self.output).map_err(|e| match e.kind() {
+            ErrorKind::Io => Error::Failed {
+                message: format!("cannot write {}: {}", self.output.display(), e.message()),
+                help: Some(e.help().to_owned()),
+            },
+            _ => e.into(),
+        })
+    }
+}
+
+fn ends_in(path: &Path, ending: &str) -> bool {
+    let own = path.extension().unwrap_or_default();
+    own.eq_ignore_ascii_case(ending)
+}
+
+fn text(report: &Report) -> String {
+    let Report {
+        texels,
+        missed,
+        faced_away,
+        residual,
+        ..
+    } = report;
+    format!(
+        "{:>12} faces of the cage\n{:>12} triangles of the dense mesh, looked for within {:.6}\n\
+         {texels:>12} texels, {missed} of them missed ({faced_away} met only what faces away)\n\
+         {:>12.6} to {:.6}: displacement\n{:>12.6} at most from texel to texel\n\
+         {:>12.6} rms, {:.6} at most: distance to the dense mesh between texels ({} places, {} missed)\n",
+        report.cage_faces,
+        report.dense_triangles,
+        report.reach,
+        report.least,
+        report.greatest,
+        report.step,
+        residual.rms,
+        residual.largest,
+        residual.places,
+        residual.missed,
+    )
+}
