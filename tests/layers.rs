@@ -85,7 +85,7 @@ const LAYERS: [(&str, &[&str]); 22] = [
     (
         "bake",
         &[
-            "error", "math", "mesh", "image", "subdiv", "convert", "trace", "render",
+            "error", "math", "mesh", "image", "subdiv", "surface", "convert", "trace", "render",
         ],
     ),
     ("cli", &[]),

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use relievo_ptex::MeshType;
 
 use super::along_normal::Line;
+use crate::convert::lengths;
 use crate::error::Fault;
 use crate::math::DVec3;
 use crate::mesh::{ControlMesh, PtexFace, Scheme, Topology, ptex_faces, ptex_kind};
@@ -69,6 +70,11 @@ impl Cage {
             let point = self.limit.first_order(&self.points, ptex, u, v);
             DVec3::from(point.position)
         })
+    }
+
+    /// How long a Ptex face is along u and v.
+    pub(super) fn lengths(&self, ptex: u32) -> [f64; 2] {
+        lengths(self.kind, |uv| self.point(ptex, uv))
     }
 
     /// The limit point with the normal through it; none where there is no surface, or it has no normal.

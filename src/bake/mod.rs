@@ -2,15 +2,19 @@
 //!
 //! A [`Cage`] is the limit surface of a control mesh, a [`Dense`] is a mesh of polygons behind Embree. [`to_ptex`]
 //! looks from each texel's place on the limit surface for the dense mesh, [along the normal](along_normal), fills what
-//! it misses from around, and reads the result back as a render will, to tell by how much that is off.
+//! it misses from around, and reads the result back as a render will, to tell by how much that is off. [`to_exr`] does so
+//! for the pixels of an image, which the cage's texture coordinates ([`Layout`]) lay over it.
 //!
 //! The same meshes and options give the same bytes for any number of threads: each texel is found alone, and sums are
 //! taken face by face.
 
 mod along_normal;
 mod cage;
+mod counts;
 mod dense;
 mod fill;
+mod image;
+mod layout;
 mod ptex;
 mod residual;
 mod sizes;
@@ -21,12 +25,16 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use relievo_ptex::DataType;
 use serde::Serialize;
 
-use crate::error::{Error, Fault, Result};
+use crate::error::{Error, Fault, Result, Warnings};
 use crate::render::Progress;
 use along_normal::Facing;
+use counts::Counts;
+use sizes::Probed;
 
 pub use cage::Cage;
 pub use dense::Dense;
+pub use image::to_exr;
+pub use layout::Layout;
 pub use ptex::{Baked, to_ptex};
 pub use residual::Residual;
 pub use sizes::Sizes;
@@ -134,6 +142,31 @@ struct Heights<'a> {
     facing: Facing,
 }
 
+impl<'a> Heights<'a> {
+    fn new(cage: &'a Cage, dense: &'a Dense, options: &Options, probed: &Probed) -> Self {
+        Self {
+            cage,
+            dense,
+            reach: options.reach(dense),
+            facing: match options.two_sided {
+                true => Facing::Any,
+                false => probed.facing,
+            },
+        }
+    }
+
+    /// What is known beforehand.
+    fn report(&self) -> Report {
+        Report {
+            cage_faces: self.cage.face_count(),
+            dense_triangles: self.dense.triangle_count(),
+            reach: self.reach,
+            turned: self.facing == Facing::Opposite,
+            ..Report::default()
+        }
+    }
+}
+
 impl Source for Heights<'_> {
     fn channels(&self) -> usize {
         1
@@ -147,6 +180,39 @@ impl Source for Heights<'_> {
             Ok(hit) => Found::Value([hit.height as f32, 0.0, 0.0]),
             Err(faced_away) => Found::Missed { faced_away },
         }
+    }
+}
+
+/// How far two displacements differ.
+fn distance(a: &[f32], b: &[f32]) -> f64 {
+    let squares = a
+        .iter()
+        .zip(b)
+        .map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2));
+    squares.sum::<f64>().sqrt()
+}
+
+/// What is worth knowing of a report.
+fn warn(report: &Report, warnings: &mut Warnings) {
+    if report.turned {
+        warnings.add("bake-turned", || {
+            "the dense mesh faces the other way than the cage: it is taken as turned".to_owned()
+        });
+    }
+    if report.missed > 0 {
+        let Report {
+            missed,
+            texels,
+            faced_away,
+            reach,
+            ..
+        } = report;
+        warnings.add("bake-missed", || {
+            format!(
+                "{missed} of {texels} texels met nothing within {reach:.6}, {faced_away} of them but for what faces \
+                 away: they are filled from around"
+            )
+        });
     }
 }
 

@@ -6,13 +6,16 @@ use rayon::prelude::*;
 use relievo_ptex::{Cache, EncodedFace, Format, Writer};
 
 use super::fill::fill;
-use super::residual;
 use super::sizes::{probe, sizes};
 use super::texels::Texels;
-use super::{Cage, Dense, Facing, Found, Heights, Options, Report, Run, Source, nothing_met};
+use super::{
+    Cage, Counts, Dense, Heights, Options, Report, Run, Source, distance, nothing_met, residual,
+    warn,
+};
 use crate::convert::store;
 use crate::error::{Fault, Result, Warnings};
 use crate::image::{ColorSpace, ImageSource, PtexFilter, PtexOptions, PtexTexture};
+use crate::math::Vec2;
 
 /// A baked file, and how well it is.
 pub struct Baked {
@@ -32,26 +35,12 @@ pub struct Baked {
 pub fn to_ptex(cage: &Cage, dense: &Dense, options: &Options, run: Run<'_>) -> Result<Baked> {
     let reach = options.reach(dense);
     let probed = probe(cage, dense, reach, run)?;
-    let heights = Heights {
-        cage,
-        dense,
-        reach,
-        facing: match options.two_sided {
-            true => Facing::Any,
-            false => probed.facing,
-        },
-    };
+    let heights = Heights::new(cage, dense, options, &probed);
     let format = Format::new(cage.kind(), options.data_type, heights.channels());
     let chosen = sizes(cage, &probed, options.sizes, format.pixel_bytes());
     let chosen = chosen.map_err(|fault| cage.name(fault))?;
     let texels = Texels::new(cage.kind(), cage.faces(), chosen);
-    let mut report = Report {
-        cage_faces: cage.face_count(),
-        dense_triangles: dense.triangle_count(),
-        reach,
-        turned: heights.facing == Facing::Opposite,
-        ..Report::default()
-    };
+    let mut report = heights.report();
     let values = find_all(&heights, &texels, cage.faces().len(), &mut report, run)?;
     if report.missed == report.texels {
         return Err(dense.name(nothing_met(reach, report.faced_away)).into());
@@ -60,36 +49,17 @@ pub fn to_ptex(cage: &Cage, dense: &Dense, options: &Options, run: Run<'_>) -> R
     warn(&report, &mut warnings);
     let writer = encode(&format, &texels, cage, &values, run)?;
     let file = read_back(&writer)?;
-    report.residual = residual::of_ptex(&heights, &texels, cage.faces().len(), &file, run)?;
+    report.residual = residual::of(&heights, cage.faces().len(), run, |face, tell| {
+        for uv in texels.corners(face) {
+            let read = file.eval(face as u32, Vec2::from(uv.map(|x| x as f32)));
+            tell(uv, read.to_array());
+        }
+    })?;
     Ok(Baked {
         writer,
         report,
         warnings,
     })
-}
-
-/// What is worth knowing of a report.
-fn warn(report: &Report, warnings: &mut Warnings) {
-    if report.turned {
-        warnings.add("bake-turned", || {
-            "the dense mesh faces the other way than the cage: it is taken as turned".to_owned()
-        });
-    }
-    if report.missed > 0 {
-        let Report {
-            missed,
-            texels,
-            faced_away,
-            reach,
-            ..
-        } = report;
-        warnings.add("bake-missed", || {
-            format!(
-                "{missed} of {texels} texels met nothing within {reach:.6}, {faced_away} of them but for what faces \
-                 away: they are filled from around"
-            )
-        });
-    }
 }
 
 /// The displacements of all texels, those that were missed filled from around.
@@ -151,70 +121,6 @@ fn find_all(
     Ok(values)
 }
 
-/// What became of some texels.
-struct Counts {
-    texels: u64,
-    missed: u64,
-    faced_away: u64,
-    least: f64,
-    greatest: f64,
-}
-
-impl Default for Counts {
-    fn default() -> Self {
-        Self {
-            texels: 0,
-            missed: 0,
-            faced_away: 0,
-            least: f64::INFINITY,
-            greatest: f64::NEG_INFINITY,
-        }
-    }
-}
-
-impl Counts {
-    /// Counts what was found, and sets `value` to it if there is one.
-    fn take(&mut self, found: Found, value: &mut [f32]) -> bool {
-        self.texels += u64::from(found != Found::NoSurface);
-        match found {
-            Found::Value(all) => {
-                value.copy_from_slice(&all[..value.len()]);
-                let amount = match *value {
-                    [height] => f64::from(height),
-                    _ => length(value),
-                };
-                self.least = self.least.min(amount);
-                self.greatest = self.greatest.max(amount);
-                return true;
-            }
-            Found::Missed { faced_away } => {
-                self.missed += 1;
-                self.faced_away += u64::from(faced_away);
-            }
-            Found::NoSurface => {}
-        }
-        false
-    }
-
-    fn and(self, other: Self) -> Self {
-        Self {
-            texels: self.texels + other.texels,
-            missed: self.missed + other.missed,
-            faced_away: self.faced_away + other.faced_away,
-            least: self.least.min(other.least),
-            greatest: self.greatest.max(other.greatest),
-        }
-    }
-
-    fn tell(self, report: &mut Report) {
-        (report.texels, report.missed, report.faced_away) =
-            (self.texels, self.missed, self.faced_away);
-        if self.missed < self.texels {
-            (report.least, report.greatest) = (self.least, self.greatest);
-        }
-    }
-}
-
 /// The largest difference between two texels side by side.
 fn step(texels: &Texels<'_>, faces: usize, values: &[f32], channels: usize) -> f64 {
     let value = |texel: usize| &values[channels * texel..][..channels];
@@ -224,10 +130,7 @@ fn step(texels: &Texels<'_>, faces: usize, values: &[f32], channels: usize) -> f
             around.clear();
             texels.neighbours(face, texel, &mut around);
             for &other in &around {
-                let off: Vec<f32> = (value(texel).iter().zip(value(other)))
-                    .map(|(a, b)| a - b)
-                    .collect();
-                largest = largest.max(length(&off));
+                largest = largest.max(distance(value(texel), value(other)));
             }
         }
         largest
@@ -236,11 +139,6 @@ fn step(texels: &Texels<'_>, faces: usize, values: &[f32], channels: usize) -> f
         .into_par_iter()
         .map(largest)
         .reduce(|| 0.0, f64::max)
-}
-
-fn length(vector: &[f32]) -> f64 {
-    let squares = vector.iter().map(|&x| f64::from(x) * f64::from(x));
-    squares.sum::<f64>().sqrt()
 }
 
 fn encode(

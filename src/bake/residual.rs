@@ -3,11 +3,8 @@
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::texels::Texels;
 use super::{Found, Run, Source};
 use crate::error::Result;
-use crate::image::PtexTexture;
-use crate::math::Vec2;
 
 /// Distances between what is read at the corners of texels, which lie furthest from what was looked at, and what is
 /// found of the dense mesh there: of heights along the normal, or of vectors.
@@ -23,16 +20,15 @@ pub struct Residual {
     pub largest: f64,
 }
 
-/// Compares at one corner of each texel.
+/// Compares face by face. `read` hands out places of a face with what is read there.
 ///
 /// # Errors
 /// If interrupted.
-pub(super) fn of_ptex(
+pub(super) fn of(
     source: &dyn Source,
-    texels: &Texels<'_>,
     faces: usize,
-    file: &PtexTexture,
     run: Run<'_>,
+    read: impl Fn(usize, &mut dyn FnMut([f64; 2], [f32; 4])) + Sync,
 ) -> Result<Residual> {
     run.progress.stage("check", faces as u64);
     let channels = source.channels();
@@ -40,13 +36,11 @@ pub(super) fn of_ptex(
         .into_par_iter()
         .map(|face| {
             let mut sum = Sum::default();
-            if !run.goes_on() {
-                return sum;
-            }
-            for uv in texels.corners(face) {
-                let read = file.eval(face as u32, Vec2::new(uv[0] as f32, uv[1] as f32));
-                sum.add(source.find(face as u32, uv), read.to_array(), channels);
-            }
+            read(face, &mut |uv, value| {
+                if run.goes_on() {
+                    sum.add(source.find(face as u32, uv), value, channels);
+                }
+            });
             run.progress.by(1);
             sum
         })

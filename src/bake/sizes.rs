@@ -5,7 +5,7 @@ use relievo_ptex::{MeshType, Res};
 
 use super::along_normal::{self, Facing, Line};
 use super::{Cage, Dense, Run};
-use crate::convert::{CENTROID, MOST_AT_ONCE, MOST_OF_FILE, admit, in_triangle, lengths, log2};
+use crate::convert::{CENTROID, MOST_AT_ONCE, MOST_OF_FILE, admit, in_triangle, log2};
 use crate::error::{Fault, Result};
 
 /// How many texels a face gets: powers of two.
@@ -81,6 +81,11 @@ fn median(mut lengths: Vec<f64>) -> Option<f64> {
     lengths.get(lengths.len() / 2).copied()
 }
 
+/// The middle length of the dense mesh's edges on a Ptex face, or on all where none is known there.
+pub(super) fn edge(probed: &Probed, ptex: u32) -> Option<f64> {
+    probed.edges[ptex as usize].or(probed.usual)
+}
+
 /// The middle of texel `at` of `size` texels of a Ptex face.
 pub(super) fn middle(kind: MeshType, at: [usize; 2], size: [usize; 2]) -> [f64; 2] {
     match kind {
@@ -112,10 +117,10 @@ pub(super) fn sizes(
                     vlog2: log2,
                 },
                 Sizes::PerEdge(rate) => {
-                    let Some(edge) = probed.edges[ptex as usize].or(probed.usual) else {
+                    let Some(edge) = edge(probed, ptex) else {
                         return one;
                     };
-                    let lengths = lengths(cage.kind(), |uv| cage.point(ptex, uv));
+                    let lengths = cage.lengths(ptex);
                     let [ulog2, vlog2] =
                         lengths.map(|length| log2(rate * length / edge).min(MOST_CHOSEN));
                     Res { ulog2, vlog2 }

@@ -236,7 +236,7 @@ mod tests {
             1,
         );
         // Texels 4 to 7 are the sub-face at 2, 8 to 11 the one at 1.
-        assert_eq!(lists[1], [0, 3, 8]);
+        assert_eq!(lists[1], [8, 3, 0]);
         assert!(lists[4].contains(&3) && lists[5].contains(&3), "{lists:?}");
         assert!(lists[8].contains(&1) && lists[10].contains(&1), "{lists:?}");
     }

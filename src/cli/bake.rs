@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use relievo::bake::{self, Baked, Cage, Dense, Options, Report, Run, Sizes};
+use relievo::bake::{self, Baked, Cage, Dense, Layout, Options, Report, Run, Sizes};
 use relievo::image::check_destination;
 use relievo::mesh::ControlMesh;
 use relievo::trace::{Device, DeviceOptions};
@@ -26,7 +26,7 @@ pub(crate) struct Bake {
     dense: PathBuf,
     /// Cage: an OBJ file, with OpenSubdiv's tags.
     cage: PathBuf,
-    /// What to write: a Ptex file (.ptx) of the cage's faces.
+    /// What to write: a Ptex file (.ptx) of the cage's faces, or an image (.exr) by its texture coordinates.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// The cage's scheme [default: the first word of its name, else catmark].
@@ -44,9 +44,12 @@ pub(crate) struct Bake {
     /// Texels for each edge of the dense mesh along u and v, at least; each face gets a power of two [default: 1].
     #[arg(long, value_name = "N", value_parser = above_zero, conflicts_with = "texels")]
     rate: Option<f64>,
-    /// Texels along u and v of all faces: a power of two.
+    /// Texels along u and v of all faces, or pixels along the sides of an image: a power of two.
     #[arg(long, value_name = "N", value_parser = power_of_two)]
     texels: Option<i8>,
+    /// Rings of pixels of an image that are filled beyond the borders of islands.
+    #[arg(long, value_name = "N", default_value_t = 16)]
+    dilation: u32,
     /// Type of the texels.
     #[arg(long = "type", value_enum, value_name = "TYPE", default_value_t = TypeName::F32)]
     data_type: TypeName,
@@ -100,10 +103,11 @@ impl Bake {
     }
 
     pub(crate) fn run(self, quiet: bool) -> Result<()> {
-        if !ends_in(&self.output, "ptx") {
+        let is_image = ends_in(&self.output, "exr");
+        if !is_image && !ends_in(&self.output, "ptx") {
             return Err(Error::usage(
                 format!("{}: such a file cannot be written", self.output.display()),
-                "give the output a name that ends in .ptx",
+                "give the output a name that ends in .ptx or .exr",
             ));
         }
         check_destination(&self.output)?;
@@ -135,7 +139,12 @@ impl Bake {
 
     fn bake(&self, device: &Device, run: Run<'_>) -> Result<Report> {
         run.progress.stage("load", 3);
-        let cage = Cage::new(&self.load_cage()?, &self.cage)?;
+        let mesh = self.load_cage()?;
+        let cage = Cage::new(&mesh, &self.cage)?;
+        let layout = match ends_in(&self.output, "exr") {
+            true => Some(Layout::new(&mesh, &self.cage)?),
+            false => None,
+        };
         run.progress.by(1);
         let dense = load_cage(&self.dense)?;
         run.progress.by(1);
@@ -150,6 +159,13 @@ impl Bake {
             },
             data_type: self.data_type.into(),
         };
+        if let Some(layout) = layout {
+            let (dilation, output) = (self.dilation, &self.output);
+            let baked = bake::to_exr(&cage, &layout, &dense, &options, dilation, output, run);
+            let (report, warnings) = baked?;
+            run.progress.warn(&warnings);
+            return Ok(report);
+        }
         let Baked {
             writer,
             report,

@@ -30,6 +30,32 @@ impl Model {
         text
     }
 
+    /// As an OBJ file with texture coordinates: each face is an island in a square of its own, `margin` of that away from
+    /// the next one.
+    pub fn obj_with_islands(&self, margin: f64) -> String {
+        let side = (self.faces.len() as f64).sqrt().ceil();
+        let mut text = String::new();
+        for p in &self.points {
+            writeln!(text, "v {} {} {}", p.x, p.y, p.z).expect("a string takes all");
+        }
+        let mut count = 0;
+        for (number, face) in self.faces.iter().enumerate() {
+            let (x, y) = (number as f64 % side, (number as f64 / side).floor());
+            let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+            for [s, t] in &square[..face.len()] {
+                let place = |at: f64, s: f64| (at + margin + s * (1.0 - 2.0 * margin)) / side;
+                writeln!(text, "vt {} {}", place(x, *s), place(y, *t)).expect("a string takes all");
+            }
+            text.push('f');
+            for corner in face {
+                count += 1;
+                write!(text, " {}/{count}", corner + 1).expect("a string takes all");
+            }
+            text.push('\n');
+        }
+        text
+    }
+
     /// As a mesh of USD with these attributes beside its faces and points.
     pub fn usda(&self, attributes: &str) -> String {
         let mut text =
