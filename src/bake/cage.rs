@@ -43,6 +43,18 @@ impl Cage {
         })
     }
 
+    /// The same with the points of a mesh that has moved.
+    pub(super) fn moved(&self, mesh: &ControlMesh) -> Self {
+        let limit = LimitSurface::new(mesh);
+        Self {
+            points: limit.points(mesh, 0),
+            limit,
+            faces: self.faces.clone(),
+            file: self.file.clone(),
+            ..*self
+        }
+    }
+
     /// Faces of the control mesh.
     pub fn face_count(&self) -> usize {
         self.face_count
@@ -70,6 +82,15 @@ impl Cage {
             let point = self.limit.first_order(&self.points, ptex, u, v);
             DVec3::from(point.position)
         })
+    }
+
+    /// The area of the limit surface for a unit of parameters at a place; 0 where there is no surface.
+    pub(super) fn area(&self, ptex: u32, [u, v]: [f64; 2]) -> f64 {
+        if self.limit.is_hole(ptex) {
+            return 0.0;
+        }
+        let point = self.limit.first_order(&self.points, ptex, u, v);
+        DVec3::from(point.du).cross(point.dv.into()).length()
     }
 
     /// How long a Ptex face is along u and v.

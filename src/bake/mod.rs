@@ -3,7 +3,7 @@
 //! A [`Cage`] is the limit surface of a control mesh, a [`Dense`] is a mesh of polygons behind Embree. [`to_ptex`]
 //! looks from each texel's place on the limit surface for the dense mesh, [along the normal](along_normal), fills what
 //! it misses from around, and reads the result back as a render will, to tell by how much that is off. [`to_exr`] does so
-//! for the pixels of an image, which the cage's texture coordinates ([`Layout`]) lay over it.
+//! for the pixels of an image, which the cage's texture coordinates ([`Layout`]) lay over it. [`fit`] moves a cage's points closer first.
 //!
 //! The same meshes and options give the same bytes for any number of threads: each texel is found alone, and sums are
 //! taken face by face.
@@ -13,6 +13,7 @@ mod cage;
 mod counts;
 mod dense;
 mod fill;
+mod fit;
 mod image;
 mod layout;
 mod ptex;
@@ -33,6 +34,7 @@ use sizes::Probed;
 
 pub use cage::Cage;
 pub use dense::Dense;
+pub use fit::{Fit, fit};
 pub use image::to_exr;
 pub use layout::Layout;
 pub use ptex::{Baked, to_ptex};
@@ -86,6 +88,8 @@ pub struct Report {
     pub greatest: f64,
     /// The largest difference between two texels side by side.
     pub step: f64,
+    /// What moving the cage's points first came to, if that was asked for.
+    pub fit: Option<Fit>,
     /// How far what a render reads between texels is from the dense mesh.
     pub residual: Residual,
 }

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use relievo::bake::{self, Baked, Cage, Dense, Layout, Options, Report, Run, Sizes};
-use relievo::image::check_destination;
+use relievo::image::{check_destination, write_whole};
 use relievo::mesh::ControlMesh;
+use relievo::scene::obj;
 use relievo::trace::{Device, DeviceOptions};
 use relievo::{Error, Result};
 use relievo_ptex::{DataType, ErrorKind, MAX_LOG2, Writer};
@@ -13,6 +14,7 @@ use relievo_ptex::{DataType, ErrorKind, MAX_LOG2, Writer};
 use super::eval::load_cage;
 use super::machine::{Machine, interrupt};
 use super::scheme::{BoundaryName, SchemeName};
+use super::subdivide::obj_text;
 
 /// Bake a dense mesh into displacement over a cage's limit surface.
 ///
@@ -50,6 +52,10 @@ pub(crate) struct Bake {
     /// Rings of pixels of an image that are filled beyond the borders of islands.
     #[arg(long, value_name = "N", default_value_t = 16)]
     dilation: u32,
+    /// First move the cage's points so that its limit surface fits the dense mesh, and write that cage: an OBJ file. What
+    /// is baked is for that one.
+    #[arg(long, value_name = "FILE")]
+    fit: Option<PathBuf>,
     /// Type of the texels.
     #[arg(long = "type", value_enum, value_name = "TYPE", default_value_t = TypeName::F32)]
     data_type: TypeName,
@@ -111,6 +117,15 @@ impl Bake {
             ));
         }
         check_destination(&self.output)?;
+        if let Some(path) = &self.fit {
+            if !ends_in(path, "obj") {
+                return Err(Error::usage(
+                    format!("{}: such a cage cannot be written", path.display()),
+                    "give --fit a name that ends in .obj",
+                ));
+            }
+            check_destination(path)?;
+        }
         let interrupt = interrupt()?;
         let progress = self.machine.progress(quiet);
         let run = Run {
@@ -139,8 +154,8 @@ impl Bake {
 
     fn bake(&self, device: &Device, run: Run<'_>) -> Result<Report> {
         run.progress.stage("load", 3);
-        let mesh = self.load_cage()?;
-        let cage = Cage::new(&mesh, &self.cage)?;
+        let mut mesh = self.load_cage()?;
+        let mut cage = Cage::new(&mesh, &self.cage)?;
         let layout = match ends_in(&self.output, "exr") {
             true => Some(Layout::new(&mesh, &self.cage)?),
             false => None,
@@ -159,9 +174,34 @@ impl Bake {
             },
             data_type: self.data_type.into(),
         };
+        let mut fitted = None;
+        if self.fit.is_some() {
+            let (moved, fit) = bake::fit(&mesh, &cage, &dense, &options, run)?;
+            mesh = moved;
+            cage = Cage::new(&mesh, &self.cage)?;
+            fitted = Some(fit);
+        }
+        let report = self.write_baked(&cage, layout.as_ref(), &dense, &options, run)?;
+        if let Some(path) = &self.fit {
+            write_cage(path, &mesh)?;
+        }
+        Ok(Report {
+            fit: fitted,
+            ..report
+        })
+    }
+
+    fn write_baked(
+        &self,
+        cage: &Cage,
+        layout: Option<&Layout>,
+        dense: &Dense,
+        options: &Options,
+        run: Run<'_>,
+    ) -> Result<Report> {
         if let Some(layout) = layout {
             let (dilation, output) = (self.dilation, &self.output);
-            let baked = bake::to_exr(&cage, &layout, &dense, &options, dilation, output, run);
+            let baked = bake::to_exr(cage, layout, dense, options, dilation, output, run);
             let (report, warnings) = baked?;
             run.progress.warn(&warnings);
             return Ok(report);
@@ -170,7 +210,7 @@ impl Bake {
             writer,
             report,
             warnings,
-        } = bake::to_ptex(&cage, &dense, &options, run)?;
+        } = bake::to_ptex(cage, dense, options, run)?;
         run.progress.warn(&warnings);
         self.write(&writer)?;
         Ok(report)
@@ -198,6 +238,26 @@ impl Bake {
     }
 }
 
+/// Writes a fitted cage.
+fn write_cage(path: &Path, mesh: &ControlMesh) -> Result<()> {
+    let text = obj_text(mesh);
+    write_whole(path, |temporary| {
+        std::fs::write(temporary, &text)
+            .map_err(|e| Error::failed(format!("{}: {e}", path.display())))
+    })?;
+    let read = obj::parse(text.as_bytes(), path)?;
+    let first = read.shapes.first().and_then(|shape| shape.geometry.mesh());
+    if first.is_some_and(|read| read.scheme != mesh.scheme || read.left_handed != mesh.left_handed)
+    {
+        tracing::warn!(
+            "{}: an OBJ file's scheme and handedness are told by its name, and this one tells others than the cage's: \
+             name it as the cage is named, or give --scheme where it is read",
+            path.display()
+        );
+    }
+    Ok(())
+}
+
 fn ends_in(path: &Path, ending: &str) -> bool {
     let own = path.extension().unwrap_or_default();
     own.eq_ignore_ascii_case(ending)
@@ -211,7 +271,14 @@ fn text(report: &Report) -> String {
         residual,
         ..
     } = report;
-    format!(
+    let fit = report.fit.map_or_else(String::new, |fit| {
+        format!(
+            "{:>12.6} rms, {:.6} at most: height before the cage was fitted\n\
+             {:>12.6} rms, {:.6} at most: after {} rounds\n",
+            fit.rms_before, fit.largest_before, fit.rms_after, fit.largest_after, fit.rounds
+        )
+    });
+    fit + &format!(
         "{:>12} faces of the cage\n{:>12} triangles of the dense mesh, looked for within {:.6}\n\
          {texels:>12} texels, {missed} of them missed ({faced_away} met only what faces away)\n\
          {:>12.6} to {:.6}: displacement\n{:>12.6} at most from texel to texel\n\

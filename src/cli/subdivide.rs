@@ -226,7 +226,7 @@ fn usda_text(mesh: &ControlMesh) -> String {
 }
 
 /// A mesh as an OBJ file with OpenSubdiv's tags.
-fn obj_text(mesh: &ControlMesh) -> String {
+pub(super) fn obj_text(mesh: &ControlMesh) -> String {
     let mut text = String::new();
     let mut line = |line: std::fmt::Arguments<'_>| {
         text.write_fmt(line)
