@@ -3,6 +3,7 @@
 mod fit;
 mod image;
 mod models;
+mod vector;
 
 use std::io::{BufRead, BufReader};
 use std::process::Command;

@@ -7,9 +7,10 @@ use relievo_ptex::MeshType;
 use super::along_normal::Line;
 use crate::convert::lengths;
 use crate::error::Fault;
-use crate::math::DVec3;
+use crate::math::{DVec3, Vec2};
 use crate::mesh::{ControlMesh, PtexFace, Scheme, Topology, ptex_faces, ptex_kind};
 use crate::subdiv::{Field, LimitSurface};
+use crate::surface::tangents;
 
 /// The limit surface of a control mesh, in double precision.
 pub struct Cage {
@@ -82,6 +83,16 @@ impl Cage {
             let point = self.limit.first_order(&self.points, ptex, u, v);
             DVec3::from(point.position)
         })
+    }
+
+    /// The directions x, y and z of tangent space where the texture coordinates have these derivatives; none where there
+    /// is no normal.
+    pub(super) fn frame(&self, ptex: u32, uv: [f64; 2], st: [Vec2; 2]) -> Option<[DVec3; 3]> {
+        let normal = self.line(ptex, uv)?.normal;
+        let point = self.limit.first_order(&self.points, ptex, uv[0], uv[1]);
+        let slopes = [point.du, point.dv].map(|d| DVec3::from(d).as_vec3());
+        let [t, b] = tangents(slopes, normal.as_vec3(), self.front < 0.0, st);
+        Some([t.as_dvec3(), b.as_dvec3(), normal])
     }
 
     /// The area of the limit surface for a unit of parameters at a place; 0 where there is no surface.

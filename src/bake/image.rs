@@ -13,7 +13,7 @@ use super::fill::fill;
 use super::layout::Pixel;
 use super::sizes::{Probed, Sizes, edge, probe};
 use super::{
-    Cage, Counts, Dense, Heights, Layout, Options, Report, Run, Source, nothing_met, residual, warn,
+    Cage, Counts, Dense, Heights, Layout, Options, Report, Run, Source, What, residual, warn,
 };
 use crate::convert::{MOST_AT_ONCE, admit};
 use crate::error::{Fault, Result, Warnings};
@@ -29,7 +29,7 @@ const CHOSEN: std::ops::RangeInclusive<u32> = 4..=13;
 const CONTENT: f64 = 0.9;
 
 /// Bakes the heights of `dense` over the limit surface of `cage`, laid out by `layout`, into a square OpenEXR image with a
-/// channel R, and writes it. `dilation` is how many rings of pixels are filled beyond the islands' borders.
+/// channel R, or vectors into one of R, G and B, and writes it.
 ///
 /// # Errors
 /// As [`to_ptex`](super::to_ptex), if the layout leaves the unit square, and if the file cannot be written.
@@ -37,8 +37,8 @@ pub fn to_exr(
     cage: &Cage,
     layout: &Layout,
     dense: &Dense,
+    what: What<'_>,
     options: &Options,
-    dilation: u32,
     path: &Path,
     run: Run<'_>,
 ) -> Result<(Report, Warnings)> {
@@ -46,23 +46,24 @@ pub fn to_exr(
     let reach = options.reach(dense);
     let probed = probe(cage, dense, reach, run)?;
     let heights = Heights::new(cage, dense, options, &probed);
-    let channels = heights.channels();
+    let mut report = heights.report();
+    let source = what.source(heights);
+    let channels = source.channels();
     let side = side(cage, layout, &probed, options.sizes)?;
-    let what = format!("an image of {side} x {side} pixels");
+    let size = format!("an image of {side} x {side} pixels");
     let bytes = (side * side) as u64 * 4 * channels as u64;
     admit(
         bytes,
         MOST_AT_ONCE,
-        &what,
+        &size,
         "ask for fewer by --texels or --rate",
     )
     .map_err(|fault| cage.name(fault))?;
 
     let pixels = layout.pixels(cage, side, false, run)?;
-    let mut report = heights.report();
-    let (mut values, found) = find_all(&heights, &pixels, side, &mut report, run)?;
+    let (mut values, found) = find_all(&*source, &pixels, side, &mut report, run)?;
     if report.missed == report.texels {
-        return Err(dense.name(nothing_met(reach, report.faced_away)).into());
+        return Err(what.nothing(dense, &report).into());
     }
     let covered = &found.covered;
     fill(&mut values, channels, &found.known, |pixel, out| {
@@ -71,9 +72,15 @@ pub fn to_exr(
         }
     });
     report.step = step(&values, channels, covered, side);
-    dilate(&mut values, channels, covered.clone(), side, dilation);
+    dilate(
+        &mut values,
+        channels,
+        covered.clone(),
+        side,
+        options.dilation,
+    );
     let mut warnings = Warnings::default();
-    warn(&report, &mut warnings);
+    warn(&report, what, &mut warnings);
     if found.overlaps > 0 {
         warnings.add("bake-overlaps", || {
             let count = found.overlaps;
@@ -85,7 +92,7 @@ pub fn to_exr(
     let image = ImageSource::File(path.to_owned());
     let image = Texture::load(&image, [Wrap::Clamp; 2], ColorSpace::Raw)?;
     let places = layout.pixels(cage, side, true, run)?;
-    report.residual = residual::of(&heights, cage.faces().len(), run, |face, tell| {
+    report.residual = residual::of(&*source, cage.faces().len(), run, |face, tell| {
         for pixel in &places[face] {
             let st = layout.texcoord(face as u32, pixel.uv).unwrap_or(Vec2::ZERO);
             tell(pixel.uv, image.eval(st).to_array());

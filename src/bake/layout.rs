@@ -88,6 +88,11 @@ impl Layout {
         self.surface.texcoord_on_ptex(ptex, uv)
     }
 
+    /// Their derivatives by the face's parameters, likewise.
+    pub(super) fn slopes(&self, ptex: u32, uv: [f64; 2]) -> Option<[Vec2; 2]> {
+        self.surface.texcoord_slopes_on_ptex(ptex, uv)
+    }
+
     /// By Ptex face the pixels of a square image whose middles lie on it, or, if `shifted`, whose lower right corners do,
     /// in order of their numbers.
     ///

@@ -20,6 +20,7 @@ mod ptex;
 mod residual;
 mod sizes;
 mod texels;
+mod vectors;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -28,9 +29,11 @@ use serde::Serialize;
 
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::render::Progress;
+use crate::surface::Space;
 use along_normal::Facing;
 use counts::Counts;
 use sizes::Probed;
+use vectors::Vectors;
 
 pub use cage::Cage;
 pub use dense::Dense;
@@ -40,6 +43,7 @@ pub use layout::Layout;
 pub use ptex::{Baked, to_ptex};
 pub use residual::Residual;
 pub use sizes::Sizes;
+pub use vectors::Flat;
 
 /// How to bake.
 #[derive(Debug, Clone, Copy)]
@@ -53,6 +57,8 @@ pub struct Options {
     pub sizes: Sizes,
     /// Their type: floats or halves.
     pub data_type: DataType,
+    /// How many rings of pixels of an image are filled beyond the islands' borders.
+    pub dilation: u32,
 }
 
 /// The part of the diagonal of the dense mesh's box within which it is looked for.
@@ -138,6 +144,50 @@ trait Source: Sync {
     fn find(&self, ptex: u32, uv: [f64; 2]) -> Found;
 }
 
+/// What displacements are.
+#[derive(Clone, Copy)]
+pub enum What<'a> {
+    /// Heights along the normal.
+    Heights,
+    /// Vectors to where both meshes have the same texture coordinates.
+    Vectors {
+        /// The cage's.
+        layout: &'a Layout,
+        /// The dense mesh's.
+        flat: &'a Flat,
+        /// In which space vectors are.
+        space: Space,
+    },
+}
+
+impl What<'_> {
+    /// Where displacements come from.
+    fn source<'a>(&'a self, heights: Heights<'a>) -> Box<dyn Source + 'a> {
+        match *self {
+            What::Heights => Box::new(heights),
+            What::Vectors {
+                layout,
+                flat,
+                space,
+            } => Box::new(Vectors {
+                cage: heights.cage,
+                dense: heights.dense,
+                layout,
+                flat,
+                space,
+            }),
+        }
+    }
+
+    /// That nothing was found anywhere.
+    fn nothing(&self, dense: &Dense, report: &Report) -> Fault {
+        match self {
+            What::Heights => dense.name(nothing_met(report.reach, report.faced_away)),
+            What::Vectors { flat, .. } => flat.nothing_met(),
+        }
+    }
+}
+
 /// Displacement along the normal.
 struct Heights<'a> {
     cage: &'a Cage,
@@ -197,13 +247,21 @@ fn distance(a: &[f32], b: &[f32]) -> f64 {
 }
 
 /// What is worth knowing of a report.
-fn warn(report: &Report, warnings: &mut Warnings) {
-    if report.turned {
+fn warn(report: &Report, what: What<'_>, warnings: &mut Warnings) {
+    if report.turned && matches!(what, What::Heights) {
         warnings.add("bake-turned", || {
             "the dense mesh faces the other way than the cage: it is taken as turned".to_owned()
         });
     }
-    if report.missed > 0 {
+    if report.missed > 0 && matches!(what, What::Vectors { .. }) {
+        let Report { missed, texels, .. } = report;
+        warnings.add("bake-missed", || {
+            format!(
+                "{missed} of {texels} texels have texture coordinates that the dense mesh has not: they are filled from \
+                 around"
+            )
+        });
+    } else if report.missed > 0 {
         let Report {
             missed,
             texels,

@@ -9,8 +9,7 @@ use super::fill::fill;
 use super::sizes::{probe, sizes};
 use super::texels::Texels;
 use super::{
-    Cage, Counts, Dense, Heights, Options, Report, Run, Source, distance, nothing_met, residual,
-    warn,
+    Cage, Counts, Dense, Heights, Options, Report, Run, Source, What, distance, residual, warn,
 };
 use crate::convert::store;
 use crate::error::{Fault, Result, Warnings};
@@ -27,29 +26,36 @@ pub struct Baked {
     pub warnings: Warnings,
 }
 
-/// Bakes the heights of `dense` over the limit surface of `cage` into a Ptex file of one channel: to be displaced by
-/// along the normal, in the meshes' units.
+/// Bakes the heights of `dense` over the limit surface of `cage` into a Ptex file of one channel, or
+/// vectors into one of three, in the meshes' units.
 ///
 /// # Errors
 /// If nothing is met, or the texels would take too much memory: bad input, about the dense mesh, or the cage. If interrupted.
-pub fn to_ptex(cage: &Cage, dense: &Dense, options: &Options, run: Run<'_>) -> Result<Baked> {
+pub fn to_ptex(
+    cage: &Cage,
+    dense: &Dense,
+    what: What<'_>,
+    options: &Options,
+    run: Run<'_>,
+) -> Result<Baked> {
     let reach = options.reach(dense);
     let probed = probe(cage, dense, reach, run)?;
     let heights = Heights::new(cage, dense, options, &probed);
-    let format = Format::new(cage.kind(), options.data_type, heights.channels());
+    let mut report = heights.report();
+    let source = what.source(heights);
+    let format = Format::new(cage.kind(), options.data_type, source.channels());
     let chosen = sizes(cage, &probed, options.sizes, format.pixel_bytes());
     let chosen = chosen.map_err(|fault| cage.name(fault))?;
     let texels = Texels::new(cage.kind(), cage.faces(), chosen);
-    let mut report = heights.report();
-    let values = find_all(&heights, &texels, cage.faces().len(), &mut report, run)?;
+    let values = find_all(&*source, &texels, cage.faces().len(), &mut report, run)?;
     if report.missed == report.texels {
-        return Err(dense.name(nothing_met(reach, report.faced_away)).into());
+        return Err(what.nothing(dense, &report).into());
     }
     let mut warnings = Warnings::default();
-    warn(&report, &mut warnings);
+    warn(&report, what, &mut warnings);
     let writer = encode(&format, &texels, cage, &values, run)?;
     let file = read_back(&writer)?;
-    report.residual = residual::of(&heights, cage.faces().len(), run, |face, tell| {
+    report.residual = residual::of(&*source, cage.faces().len(), run, |face, tell| {
         for uv in texels.corners(face) {
             let read = file.eval(face as u32, Vec2::from(uv.map(|x| x as f32)));
             tell(uv, read.to_array());

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use relievo::bake::{self, Baked, Cage, Dense, Layout, Options, Report, Run, Sizes};
+use relievo::bake::{self, Baked, Cage, Dense, Flat, Layout, Options, Report, Run, Sizes, What};
 use relievo::image::{check_destination, write_whole};
 use relievo::mesh::ControlMesh;
 use relievo::scene::obj;
+use relievo::surface::Space;
 use relievo::trace::{Device, DeviceOptions};
 use relievo::{Error, Result};
 use relievo_ptex::{DataType, ErrorKind, MAX_LOG2, Writer};
@@ -52,6 +53,10 @@ pub(crate) struct Bake {
     /// Rings of pixels of an image that are filled beyond the borders of islands.
     #[arg(long, value_name = "N", default_value_t = 16)]
     dilation: u32,
+    /// Bake vectors, in the space of the meshes or in that of the tangents of texture coordinates and the normal: to where
+    /// both meshes have the same texture coordinates. Keeps overhangs.
+    #[arg(long, value_enum, value_name = "SPACE", conflicts_with = "two_sided")]
+    vector: Option<SpaceName>,
     /// First move the cage's points so that its limit surface fits the dense mesh, and write that cage: an OBJ file. What
     /// is baked is for that one.
     #[arg(long, value_name = "FILE")]
@@ -64,6 +69,15 @@ pub(crate) struct Bake {
     json: bool,
     #[command(flatten)]
     machine: Machine,
+}
+
+/// The space of vectors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum SpaceName {
+    /// That of the meshes' points.
+    Object,
+    /// x along the direction in which s grows, y across it to where t grows, z along the limit normal.
+    Tangent,
 }
 
 /// In which type texels are stored.
@@ -156,15 +170,19 @@ impl Bake {
         run.progress.stage("load", 3);
         let mut mesh = self.load_cage()?;
         let mut cage = Cage::new(&mesh, &self.cage)?;
-        let layout = match ends_in(&self.output, "exr") {
+        let layout = match ends_in(&self.output, "exr") || self.vector.is_some() {
             true => Some(Layout::new(&mesh, &self.cage)?),
             false => None,
         };
         run.progress.by(1);
-        let dense = load_cage(&self.dense)?;
+        let polygons = load_cage(&self.dense)?;
         run.progress.by(1);
         let go_on = |_| run.goes_on();
-        let dense = Dense::new(&dense, &self.dense, device, &go_on)?;
+        let dense = Dense::new(&polygons, &self.dense, device, &go_on)?;
+        let flat = match self.vector {
+            Some(_) => Some(Flat::new(&polygons, &self.dense, device)?),
+            None => None,
+        };
         let options = Options {
             reach: self.reach,
             two_sided: self.two_sided,
@@ -173,6 +191,7 @@ impl Bake {
                 None => Sizes::PerEdge(self.rate.unwrap_or(1.0)),
             },
             data_type: self.data_type.into(),
+            dilation: self.dilation,
         };
         let mut fitted = None;
         if self.fit.is_some() {
@@ -181,7 +200,19 @@ impl Bake {
             cage = Cage::new(&mesh, &self.cage)?;
             fitted = Some(fit);
         }
-        let report = self.write_baked(&cage, layout.as_ref(), &dense, &options, run)?;
+        let what = match (&layout, &flat, self.vector) {
+            (Some(layout), Some(flat), Some(space)) => What::Vectors {
+                layout,
+                flat,
+                space: match space {
+                    SpaceName::Object => Space::Object,
+                    SpaceName::Tangent => Space::Tangent,
+                },
+            },
+            _ => What::Heights,
+        };
+        let image = layout.as_ref().filter(|_| ends_in(&self.output, "exr"));
+        let report = self.write_baked(&cage, image, &dense, what, &options, run)?;
         if let Some(path) = &self.fit {
             write_cage(path, &mesh)?;
         }
@@ -196,12 +227,13 @@ impl Bake {
         cage: &Cage,
         layout: Option<&Layout>,
         dense: &Dense,
+        what: What<'_>,
         options: &Options,
         run: Run<'_>,
     ) -> Result<Report> {
         if let Some(layout) = layout {
-            let (dilation, output) = (self.dilation, &self.output);
-            let baked = bake::to_exr(cage, layout, dense, options, dilation, output, run);
+            let output = &self.output;
+            let baked = bake::to_exr(cage, layout, dense, what, options, output, run);
             let (report, warnings) = baked?;
             run.progress.warn(&warnings);
             return Ok(report);
@@ -210,7 +242,7 @@ impl Bake {
             writer,
             report,
             warnings,
-        } = bake::to_ptex(cage, dense, options, run)?;
+        } = bake::to_ptex(cage, dense, what, options, run)?;
         run.progress.warn(&warnings);
         self.write(&writer)?;
         Ok(report)
