@@ -1,7 +1,7 @@
 //! Baking: what a dense mesh has beyond the limit surface of a cage, as displacement.
 //!
 //! A [`Cage`] is the limit surface of a control mesh, a [`Dense`] is a mesh of polygons behind Embree. [`to_ptex`]
-//! looks from each texel's place on the limit surface for the dense mesh, [along the normal](along_normal), fills what
+//! looks from each texel's place on the limit surface for the dense mesh, along the normal, fills what
 //! it misses from around, and reads the result back as a render will, to tell by how much that is off. [`to_exr`] does so
 //! for the pixels of an image, which the cage's texture coordinates ([`Layout`]) lay over it. [`fit`] moves a cage's points closer first.
 //!

@@ -111,7 +111,7 @@ fn an_overhang_comes_back() {
         ("loop_triangles.obj", super::models::octahedron_sphere(2)),
     ] {
         bench.write(name, model.obj_with_islands(0.05));
-        bench.write("dense.obj", sculpted(&cage(&bench, name), 6));
+        bench.write("dense.obj", sculpted(&cage(&bench, name), 5));
         for (file, space, word) in [
             ("out.ptx", Space::Object, "object"),
             ("out.ptx", Space::Tangent, "tangent"),
@@ -122,7 +122,7 @@ fn an_overhang_comes_back() {
                 continue;
             }
             let arguments = ["dense.obj", name, "-o", file, "--vector", word];
-            let texels = if file == "out.exr" { "1024" } else { "64" };
+            let texels = if file == "out.exr" { "512" } else { "32" };
             let told = report(&bench, &[&arguments[..], &["--texels", texels]].concat());
             assert_eq!(told["missed"], 0, "{told}");
             let half_a_step = 0.5 * number(&told, "step");
