@@ -1,12 +1,11 @@
-//! The dense mesh along a normal of the limit surface, after Lee, Moreton and Hoppe, *Displaced Subdivision Surfaces*,
-//! SIGGRAPH 2000, section 4.4: the line through a limit point along its normal is intersected with the original
-//! surface; of all points that it meets, before and behind, the nearest one counts that faces the same way. Its signed
-//! distance is the displacement.
+//! The dense mesh along a normal of the limit surface, after the idea of Lee, Moreton and Hoppe, *Displaced Subdivision
+//! Surfaces*, SIGGRAPH 2000: the line through a limit point along its normal is intersected with the detailed surface,
+//! before and behind, and the signed distance to it is the displacement.
 //!
-//! Unlike the paper, which samples the vertices of a subdivided mesh, places here are the middles of texels, wherever
-//! they lie; the line ends at a reach, so that where nothing belongs to a place, what happens to lie on the far side
-//! of the model does not; and which way the dense mesh faces as a whole is found out first. Where nothing is met, the
-//! paper takes the nearest point of the original surface; here it stays open, to be filled from around.
+//! Ours: places are the middles of texels. Of several points that the line meets, the nearest one counts that faces the
+//! same way; which way the dense mesh faces as a whole is found out first. The line ends at a reach, so that where
+//! nothing belongs to a place, what happens to lie on the far side of the model does not count. Where nothing is met the
+//! displacement stays open, to be filled from around.
 //!
 //! Embree's rays are in single precision. They tell which triangle is met, and the distance is that of the triangle's
 //! plane in double precision, kept within the triangle.

@@ -1,10 +1,10 @@
 //! Moving a cage's points so that its limit surface lies close to the dense mesh: the smaller displacements are, the
 //! better they are along the normal.
 //!
-//! After section 4.2 of Lee, Moreton and Hoppe, who fit the control mesh by least squares, in rounds: limit points all over
-//! the surface are sums of the cage's points with known weights, and each is to come to where the line along its
-//! normal meets the dense mesh, as baking will look for it. The paper takes closest points instead, of samples of the
-//! dense mesh; along the normal no place slides over the surface, and what no line meets has no say.
+//! Lee, Moreton and Hoppe (*Displaced Subdivision Surfaces*, SIGGRAPH 2000) fit the control mesh before they sample
+//! displacement. Here this is done by least squares, in rounds: limit points all over the surface are sums of the cage's
+//! points with known weights, and each is to come to where the line along its normal meets the dense mesh, as baking will
+//! look for it. With closest points as targets, places would slide over the surface; what no line meets has no say.
 //!
 //! What is minimised over the points' moves is, with weights by area,
 //!
