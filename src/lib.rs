@@ -7,11 +7,13 @@
 //! one; [`shade`] knows camera, lights and materials; [`integrate`]
 //! computes the radiance along a ray; [`film`] gathers samples into pixels; [`image`] reads textures and
 //! writes pictures; [`store`] keeps what is slow to build in files; [`render`] runs these stages in this order. [`compare`] sets ways of tracing against each other,
-//! [`convert`] turns images into Ptex files and back, [`atlas`] gives cages the texture coordinates that they lack.
+//! [`convert`] turns images into Ptex files and back, [`atlas`] gives cages the texture coordinates that they lack, [`bake`]
+//! finds the displacement that makes a dense mesh of a cage.
 #![deny(unsafe_code)]
 
 pub mod accel;
 pub mod atlas;
+pub mod bake;
 pub mod compare;
 pub mod convert;
 pub mod error;

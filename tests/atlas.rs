@@ -6,7 +6,7 @@ use relievo::atlas::{AtlasOptions, atlas};
 use relievo::image::{
     ColorSpace, ImageSource, PtexFilter, PtexOptions, PtexTexture, Texture, Wrap,
 };
-use relievo::math::{Vec2, Vec3};
+use relievo::math::{Area, Vec2, Vec3};
 use relievo::mesh::{
     ControlMesh, FaceVaryingInterpolation, Primvar, PtexFace, Scheme, Topology, ptex_faces,
 };
@@ -237,9 +237,13 @@ fn ptex_has_none_of_the_seams_of_an_atlas() {
             color_space: space,
         };
         let file = ImageSource::File(scenes.join("ptex/made").join(name).with_extension("ptx"));
-        let ptex = PtexTexture::open(&file, &options, &Cache::default()).expect("a Ptex file");
+        let reader = PtexTexture::open(&file, &Cache::default()).expect("a Ptex file");
+        let ptex = PtexTexture::new(reader, &options).expect("its first channel");
         let by_image = |c: &Crossing| c.st.map(|st| image.eval(st).truncate());
-        let by_ptex = |c: &Crossing| c.ptex.map(|(face, uv)| ptex.eval(face, uv).truncate());
+        let by_ptex = |c: &Crossing| {
+            c.ptex
+                .map(|(face, uv)| ptex.eval(face, uv, &Area::POINT).truncate())
+        };
         let [seam, within] = [&seams, &inner].map(|all| differences(all.iter().map(by_image)));
         let none = differences(seams.iter().chain(&inner).map(by_ptex));
         println!("{name}: seams {seam:?}, within charts {within:?}, Ptex {none:?}");

@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Lowest first: a module and the modules that it may use. What stands below it in the list it may not.
-const LAYERS: [(&str, &[&str]); 22] = [
+const LAYERS: [(&str, &[&str]); 23] = [
     ("error", &[]),
     ("math", &[]),
     // A file of sections: what they hold it does not know.
@@ -81,6 +81,13 @@ const LAYERS: [(&str, &[&str]); 22] = [
         &[
             "error", "stats", "math", "mesh", "image", "scene", "surface", "accel", "trace",
             "shade", "world", "render",
+        ],
+    ),
+    // Rays from a limit surface to a dense mesh; of the render only how it tells of progress.
+    (
+        "bake",
+        &[
+            "error", "math", "mesh", "image", "subdiv", "surface", "convert", "trace", "render",
         ],
     ),
     ("cli", &[]),

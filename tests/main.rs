@@ -8,6 +8,7 @@
 #![allow(unreachable_pub, reason = "a test binary has no outside")]
 
 mod atlas;
+mod bake;
 mod common;
 mod compare;
 mod displaced;

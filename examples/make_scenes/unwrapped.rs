@@ -9,7 +9,7 @@ use relievo::image::{
     Channel, ChannelFormat, Compression, ImageSource, Part, Picture, PtexFilter, PtexOptions,
     PtexTexture, write_exr,
 };
-use relievo::math::{DVec2, Vec2, Vec3};
+use relievo::math::{Area, DVec2, Vec2, Vec3};
 use relievo::mesh::{ControlMesh, Primvar, PtexFace, ptex_faces};
 use relievo::scene::ColorSpace;
 use relievo_ptex::Cache;
@@ -26,7 +26,8 @@ pub(crate) fn write(scene: &str, ptex: &str, [size, margin]: [usize; 2], path: &
         color_space: ColorSpace::Auto,
     };
     let image = ImageSource::File(ptex.into());
-    let texture = PtexTexture::open(&image, &options, &Cache::default())?;
+    let reader = PtexTexture::open(&image, &Cache::default())?;
+    let texture = PtexTexture::new(reader, &options)?;
     let colours = texture.reader().map_or(1, |reader| reader.channels());
 
     let mut texels: Vec<Option<Vec3>> = vec![None; size * size];
@@ -44,7 +45,8 @@ pub(crate) fn write(scene: &str, ptex: &str, [size, margin]: [usize; 2], path: &
                     continue;
                 };
                 // Row 0 is on top, where t is 1.
-                texels[(size - 1 - y) * size + x] = Some(texture.eval(number, uv).truncate());
+                texels[(size - 1 - y) * size + x] =
+                    Some(texture.eval(number, uv, &Area::POINT).truncate());
             }
         }
     }

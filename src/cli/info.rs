@@ -48,19 +48,11 @@ impl Info {
         let textures: Vec<_> = scene
             .textures
             .par_iter()
-<<<<<<< HEAD
             .enumerate()
             .map(|(i, t)| {
-                let load = if scene.is_shaded_by(i) {
-                    Texture::load_levels
-                } else {
-                    Texture::load
-                };
-                load(&t.image, [t.wrap_s, t.wrap_t], t.color_space)
+                let (wrap, levels) = ([t.wrap_s, t.wrap_t], scene.is_shaded_by(i));
+                Texture::load_by_coordinates(&t.image, wrap, t.color_space, levels)
             })
-=======
-            .map(|t| Texture::load_by_coordinates(&t.image, [t.wrap_s, t.wrap_t], t.color_space))
->>>>>>> atlas
             .collect();
         let missing = textures.iter().filter(|t| t.is_err()).count();
         let bytes: usize = textures.iter().flatten().map(Texture::memory).sum();

@@ -1,6 +1,7 @@
 //! The command line, one file a command.
 
 mod atlas;
+mod bake;
 mod bench;
 mod build;
 mod cage;
@@ -66,6 +67,8 @@ enum Command {
     Verify(verify::Verify),
     /// Measure all ways of tracing a scene.
     Bench(bench::Bench),
+    /// Bake a dense mesh into displacement over a cage.
+    Bake(Box<bake::Bake>),
     /// Look into Ptex files, check and convert them.
     #[command(subcommand)]
     Ptex(ptex::Ptex),
@@ -95,6 +98,7 @@ pub(crate) fn run() -> ExitCode {
     let json = match &arguments.command {
         Command::Render(render) => render.reports_json(),
         Command::Build(build) => build.reports_json(),
+        Command::Bake(bake) => bake.reports_json(),
         _ => false,
     };
     let result = match arguments.command {
@@ -106,6 +110,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Eval(eval) => eval.run(),
         Command::Verify(verify) => verify.run(),
         Command::Bench(bench) => bench.run(),
+        Command::Bake(bake) => bake.run(arguments.quiet),
         Command::Ptex(ptex) => ptex.run(),
         Command::Completions { shell } => {
             let mut script = Vec::new();

@@ -6,13 +6,14 @@
 
 use glam::Vec4;
 use rayon::prelude::*;
-use relievo_ptex::{DataType, EncodedFace, Format, MAX_LOG2, MeshType, Res, Writer};
+use relievo_ptex::{DataType, EncodedFace, Format, MeshType, Res, Writer};
 
 use super::numbers::{Recoding, is_encoded, store};
+use super::sizes::{SLACK, lengths, log2};
 use super::{CENTROID, MOST_AT_ONCE, MOST_OF_FILE, admit, in_triangle};
 use crate::error::{Fault, Warnings};
 use crate::image::Texture;
-use crate::math::{Vec2, Vec3};
+use crate::math::{DVec2, Vec2};
 use crate::mesh::{ControlMesh, PtexFace, ptex_faces, ptex_kind};
 use crate::surface::Subdivision;
 
@@ -40,14 +41,8 @@ pub enum Sizes {
     PerUnit(f64),
 }
 
-/// How much too few texels are still enough, as a logarithm: 3 in 100. What covers 16 texels but for rounding shall not
-/// have 32.
-const SLACK: f64 = 0.05;
 /// The most points along u and v whose mean is a texel.
 const MOST_POINTS: f64 = 16.0;
-/// Pieces of a line over a face that is measured.
-const PIECES: u32 = 8;
-
 /// Looks an image up at all texels of a valid cage's faces.
 ///
 /// # Errors
@@ -199,14 +194,18 @@ impl Cage {
         let Some(size) = image.size_at(st) else {
             return Size::Outside;
         };
-        let size = Vec2::from(size.map(|n| n as f32));
-        let covered = self.lengths(|uv| Some((self.st(ptex, uv)? * size).extend(0.0)));
+        let size = DVec2::from(size.map(f64::from));
+        let covered = lengths(self.kind, |uv| {
+            let st = self.st(ptex, uv)?.as_dvec2() * size;
+            Some(st.extend(0.0))
+        });
         let [ulog2, vlog2] = match sizes {
             Sizes::OfImage => covered.map(log2),
             Sizes::Log2(log2) => [log2; 2],
-            Sizes::PerUnit(density) => self
-                .lengths(|uv| self.surface.position_on_ptex(ptex, uv))
-                .map(|length| log2(length * density)),
+            Sizes::PerUnit(density) => {
+                let position = |uv| Some(self.surface.position_on_ptex(ptex, uv)?.as_dvec3());
+                lengths(self.kind, position).map(|length| log2(length * density))
+            }
         };
         let res = Res { ulog2, vlog2 };
         Size::Covers(
@@ -216,34 +215,6 @@ impl Cage {
                 covered[1] / f64::from(1 << vlog2),
             ],
         )
-    }
-
-    /// How long a face is along u and v: the longest of some lines over it. Triangles are as long both ways.
-    fn lengths(&self, at: impl Fn([f64; 2]) -> Option<Vec3>) -> [f64; 2] {
-        let length = |from: [f64; 2], to: [f64; 2]| {
-            let points = (0..=PIECES).map(|i| {
-                let t = f64::from(i) / f64::from(PIECES);
-                at([0, 1].map(|c| from[c] + t * (to[c] - from[c])))
-            });
-            let points: Option<Vec<_>> = points.collect();
-            let pieces = points.iter().flat_map(|points| points.windows(2));
-            pieces.map(|p| f64::from(p[0].distance(p[1]))).sum::<f64>()
-        };
-        match self.kind {
-            MeshType::Triangle => {
-                let corners = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
-                let sides = [0, 1, 2].map(|i| length(corners[i], corners[(i + 1) % 3]));
-                [sides.into_iter().fold(0.0, f64::max); 2]
-            }
-            MeshType::Quad => [0, 1].map(|axis| {
-                let lines = [0.0, 0.5, 1.0].map(|across| {
-                    let (mut from, mut to) = ([across; 2], [across; 2]);
-                    (from[axis], to[axis]) = (0.0, 1.0);
-                    length(from, to)
-                });
-                lines.into_iter().fold(0.0, f64::max)
-            }),
-        }
     }
 
     /// A face's texels as the file has them; one of zeros where there is nothing to look up.
@@ -303,34 +274,6 @@ impl Cage {
                     ]
                 })
                 .collect(),
-        }
-    }
-}
-
-/// The logarithm of the number of texels for a length in texels.
-fn log2(length: f64) -> i8 {
-    (length.max(1.0).log2() - SLACK)
-        .ceil()
-        .clamp(0.0, f64::from(MAX_LOG2)) as i8
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn there_are_enough_texels_and_not_twice_as_many() {
-        for (length, wanted) in [
-            (0.0, 0),
-            (1.0, 0),
-            (1.5, 1),
-            (16.0, 4),
-            (16.0001, 4),
-            (17.0, 5),
-            (f64::NAN, 0),
-            (f64::INFINITY, MAX_LOG2),
-        ] {
-            assert_eq!(log2(length), wanted, "{length}");
         }
     }
 }

@@ -7,21 +7,25 @@
 mod from_image;
 mod numbers;
 mod resize;
+mod sizes;
 mod to_image;
 
 pub use from_image::{FromImage, Sizes, ptex_from_image};
 pub use resize::{Resized, Resolution};
 pub use to_image::{Raster, atlas, picture_of_face};
 
+pub(crate) use numbers::store;
+pub(crate) use sizes::{lengths, log2};
+
 use crate::error::Fault;
 
 /// The most bytes of texels, as stored, that a file is made of. Sizes beyond are a mistake more often than meant.
-const MOST_OF_FILE: u64 = 1 << 34;
+pub(crate) const MOST_OF_FILE: u64 = 1 << 34;
 /// The most bytes that the texels of one face, or of a picture, take as floats.
-const MOST_AT_ONCE: u64 = 1 << 32;
+pub(crate) const MOST_AT_ONCE: u64 = 1 << 32;
 
 /// Refuses what takes more bytes than `most`.
-fn admit(bytes: u64, most: u64, what: &str, help: &str) -> Result<(), Fault> {
+pub(crate) fn admit(bytes: u64, most: u64, what: &str, help: &str) -> Result<(), Fault> {
     if bytes > most {
         let message = format!("{what} would take {bytes} bytes, and at most {most} are made");
         return Err(Fault::new(message).advise(help));
@@ -31,7 +35,7 @@ fn admit(bytes: u64, most: u64, what: &str, help: &str) -> Result<(), Fault> {
 
 /// Where texel (`x`, `y`) of a triangle with `n` texels a side lies: the point (`a`, `b`) of the texel, itself a triangle
 /// with corners (0, 0), (1, 0) and (0, 1). Texels beyond the diagonal are upside down, between three others.
-fn in_triangle(x: usize, y: usize, n: usize, [a, b]: [f64; 2]) -> [f64; 2] {
+pub(crate) fn in_triangle(x: usize, y: usize, n: usize, [a, b]: [f64; 2]) -> [f64; 2] {
     let size = n as f64;
     let (x, y) = (x as f64, y as f64);
     if x + y < size {
@@ -42,7 +46,7 @@ fn in_triangle(x: usize, y: usize, n: usize, [a, b]: [f64; 2]) -> [f64; 2] {
 }
 
 /// The middle of a texel of a triangle.
-const CENTROID: [f64; 2] = [1.0 / 3.0; 2];
+pub(crate) const CENTROID: [f64; 2] = [1.0 / 3.0; 2];
 
 #[cfg(test)]
 mod tests {

@@ -27,7 +27,7 @@ pub(super) fn numbers(data_type: DataType, bytes: &[u8], out: &mut Vec<f32>) {
 
 /// Appends the bytes that a type has for numbers. Integers are rounded and clipped, and what is not a number is 0;
 /// finite numbers become finite halves.
-pub(super) fn store(data_type: DataType, numbers: &[f32], out: &mut Vec<u8>) {
+pub(crate) fn store(data_type: DataType, numbers: &[f32], out: &mut Vec<u8>) {
     // A cast clips by itself.
     let scaled = |n: f32| n * data_type.one() + 0.5;
     match data_type {

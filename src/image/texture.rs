@@ -151,12 +151,13 @@ impl Texture {
         })
     }
 
-    /// As [`load`](Self::load), for lookups by texture coordinates: a Ptex file is refused, because coordinates tell
-    /// none of its faces from another.
+    /// As [`load`](Self::load) or [`load_levels`](Self::load_levels), for lookups by texture coordinates: a Ptex file is
+    /// refused, because coordinates tell none of its faces from another.
     pub fn load_by_coordinates(
         source: &ImageSource,
         wrap: [Wrap; 2],
         color_space: ColorSpace,
+        levels: bool,
     ) -> Result<Self, Fault> {
         if source.is_ptex() {
             let message = "is a Ptex file: texture coordinates lead to none of its faces";
@@ -170,7 +171,12 @@ impl Texture {
                 "look it up by a RelievoPtexTexture in place of the UsdUVTexture, or make an image of it",
             ));
         }
-        Self::load(source, wrap, color_space)
+        let load = if levels {
+            Self::load_levels
+        } else {
+            Self::load
+        };
+        load(source, wrap, color_space)
     }
 
     /// The same value everywhere: stands in for an image that is missing.

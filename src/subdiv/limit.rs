@@ -220,9 +220,54 @@ impl LimitSurface {
     /// # Panics
     /// If the face is a hole, or `out` is not as long as the field is wide.
     pub fn interpolate<T: Real>(&self, field: &Field<T>, face: u32, u: f64, v: f64, out: &mut [T]) {
+        assert_eq!(out.len(), field.width);
+        self.sum(field, &self.find(face, u, v), out);
+    }
+
+    /// The vertices of which the points at places of a Ptex face are sums, with their weights: for each place, each
+    /// vertex once, in order of their numbers.
+    ///
+    /// # Panics
+    /// If the face is a hole.
+    pub fn weights(&self, face: u32, places: &[[f64; 2]]) -> Vec<Vec<(u32, f64)>> {
+        let whole = self.faces[face as usize];
+        assert_ne!(whole.plan, HOLE, "weights of a hole");
+        let plan = &self.plans[whole.plan as usize];
+        let count = plan.ring as usize;
+        // A field of the ring alone, each of its vertices with a component of its own.
+        let mut values = vec![0.0; count * count];
+        values.iter_mut().step_by(count + 1).for_each(|x| *x = 1.0);
+        run(&plan.program, count, &mut values);
+        values.push(0.0);
+        let field = Field {
+            width: count,
+            values,
+        };
+        let numbers: Vec<u32> = (0..plan.ring).collect();
+        let ring = &self.rings[whole.ring as usize..][..count];
+        let mut sums = vec![0.0; count];
+        let row = |[u, v]: &[f64; 2]| {
+            let place = Place {
+                ring: &numbers,
+                own: plan.ring,
+                ..self.find(face, *u, *v)
+            };
+            self.sum(&field, &place, &mut sums);
+            let terms = ring.iter().copied().zip(sums.iter().copied());
+            let mut row: Vec<(u32, f64)> = terms.filter(|term| term.1 != 0.0).collect();
+            row.sort_by_key(|term| term.0);
+            row.dedup_by(|next, kept| {
+                let same = next.0 == kept.0;
+                kept.1 += if same { next.1 } else { 0.0 };
+                same
+            });
+            row
+        };
+        places.iter().map(row).collect()
+    }
+
+    fn sum<T: Real>(&self, field: &Field<T>, place: &Place<'_>, out: &mut [T]) {
         let width = field.width;
-        assert_eq!(out.len(), width);
-        let place = self.find(face, u, v);
         let mut sum = vec![0.0; width];
         match place.part {
             Part::Patch => {

@@ -361,6 +361,14 @@ fn normal_derivatives(p: &LimitPoint, n: Vec3, front: f32) -> [Vec3; 2] {
     [along(p.duu, p.duv), along(p.duv, p.dvv)]
 }
 
+/// The x and y directions of [`Space::Tangent`] at a point with these derivatives, where the texture coordinates have
+/// those. `normal` is of unit length, to the front, and `left_handed` says that `du × dv` points to the back.
+pub fn tangents(slopes: [Vec3; 2], normal: Vec3, left_handed: bool, st: [Vec2; 2]) -> [Vec3; 2] {
+    let front = if left_handed { -1.0 } else { 1.0 };
+    let frame = Tangents::new(slopes, normal, front, st);
+    [frame.t, frame.b]
+}
+
 /// The unit directions of tangent space beside the normal.
 pub(super) struct Tangents {
     pub(super) t: Vec3,

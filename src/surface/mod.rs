@@ -32,7 +32,7 @@ pub use displace::{
     Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,
     Space,
 };
-pub use evaluate::{DisplacedPoint, Faults, Surface};
+pub use evaluate::{DisplacedPoint, Faults, Surface, tangents};
 pub use image_map::{Channels, ImageMap};
 pub use patch::Patch;
 pub use pyramid::Pyramid;

@@ -126,6 +126,16 @@ impl Subdivision {
         Some(Vec3::from(value).truncate())
     }
 
+    /// Their derivatives by the parameters of a Ptex face, likewise.
+    pub fn texcoord_slopes_on_ptex(&self, ptex: u32, [u, v]: [f64; 2]) -> Option<[Vec2; 2]> {
+        let (limit, st) = self.texcoords()?;
+        if limit.is_hole(ptex) {
+            return None;
+        }
+        let value = limit.first_order(&st.field, ptex, u, v);
+        Some([value.du, value.dv].map(|slope| Vec3::from(slope).truncate()))
+    }
+
     /// The point of the surface, at the first motion key, at a point of a Ptex face; none where there is no surface.
     pub fn position_on_ptex(&self, ptex: u32, [u, v]: [f64; 2]) -> Option<Vec3> {
         let seen = !self.limit.is_hole(ptex);

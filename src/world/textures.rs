@@ -246,22 +246,10 @@ fn load_images(
             if options.clay.is_some() && !serves_clay(description, i) {
                 return Ok(Texture::constant(Vec4::ONE));
             }
-<<<<<<< HEAD
             // What else reads images looks them up one texel wide.
-            let load = if options.clay.is_none() && description.is_shaded_by(i) {
-                Texture::load_levels
-            } else {
-                Texture::load
-            };
+            let levels = options.clay.is_none() && description.is_shaded_by(i);
             let wrap = [source.wrap_s, source.wrap_t];
-            load(&source.image, wrap, source.color_space)
-=======
-            Texture::load_by_coordinates(
-                &source.image,
-                [source.wrap_s, source.wrap_t],
-                source.color_space,
-            )
->>>>>>> atlas
+            Texture::load_by_coordinates(&source.image, wrap, source.color_space, levels)
         })
         .collect();
     loaded

@@ -54,6 +54,15 @@ fn is_affine(mesh: &ControlMesh) -> Result<(), TestCaseError> {
         let p = position(&surface, &points, face, [u, v]);
         let off = DVec3::new(four[0], four[1], four[2]).distance(p);
         prop_assert!(off < 1e-12, "evaluate and interpolate differ by {off:.2e}");
+        let [row] = &surface.weights(face, &[[u, v]])[..] else {
+            unreachable!("a row for a place");
+        };
+        prop_assert!(row.windows(2).all(|pair| pair[0].0 < pair[1].0));
+        let terms = row
+            .iter()
+            .map(|&(vertex, w)| w * mesh.points[0][vertex as usize].as_dvec3());
+        let off = terms.sum::<DVec3>().distance(p);
+        prop_assert!(off < 1e-11, "the weights' sum is off by {off:.2e}");
         let expected = 3.0 * p.x - 2.0 * p.y + 0.5 * p.z + 7.0;
         prop_assert!((four[3] - expected).abs() < 1e-11);
     }
