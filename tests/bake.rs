@@ -59,6 +59,17 @@ fn open(bench: &Bench, name: &str) -> Reader {
     reader
 }
 
+/// A Ptex file as displacement reads it.
+fn consistent(image: &ImageSource) -> PtexTexture {
+    let options = PtexOptions {
+        filter: PtexFilter::Consistent,
+        first_channel: 0,
+        color_space: ColorSpace::Raw,
+    };
+    let reader = PtexTexture::open(image, &Cache::default()).expect("a Ptex file");
+    PtexTexture::new(reader, &options).expect("its first channel")
+}
+
 /// A cage, displaced by a Ptex file or an image as renders do it.
 fn displaced(bench: &Bench, cage: &str, file: &str) -> Surface {
     let scene = obj::load(&bench.path(cage), &LoadOptions::default()).expect("a cage");
@@ -69,14 +80,7 @@ fn displaced(bench: &Bench, cage: &str, file: &str) -> Surface {
         let texture = Texture::load(&image, [Wrap::Clamp; 2], ColorSpace::Raw).expect("an image");
         Arc::new(ImageMap::new(Arc::new(texture), Channels::Scalar))
     } else {
-        let options = PtexOptions {
-            filter: PtexFilter::Consistent,
-            first_channel: 0,
-            color_space: ColorSpace::Raw,
-        };
-        let reader = PtexTexture::open(&image, &Cache::default()).expect("a Ptex file");
-        let texture = PtexTexture::new(reader, &options).expect("its first channel");
-        let heights = PtexHeights::new(Arc::new(texture), 0);
+        let heights = PtexHeights::new(Arc::new(consistent(&image)), 0);
         let carrier = base.clone();
         Arc::new(Function::scalar(move |at| {
             let (face, uv) = carrier.ptex(at.face, at.uv).expect("a Ptex face");

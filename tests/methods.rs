@@ -176,6 +176,50 @@ fn every_method_shows_the_same_picture() {
     }
 }
 
+/// Scales of the tortoise's shell, about as fine as pixels: whatever a method makes of them, it must not get in the way of
+/// the light.
+#[test]
+fn deep_and_fine_detail_is_as_bright_by_every_method() {
+    const SIZE: [u32; 2] = [240, 160];
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = Path::new("scenes/creature/creature.usda");
+    let brightness = |method: Method| {
+        let picture = folder.path().join(format!("{}.exr", method.name()));
+        let mut options = options(scene, &picture);
+        options.resolution = Some(SIZE);
+        options.spp = 8;
+        options.threads = 2;
+        options.build.method = method;
+        run(&options);
+        let (width, _, pixels) = read(&picture);
+        let middle = |i: usize| {
+            let [x, y] = [i as u32 % width, i as u32 / width];
+            (60..180).contains(&x) && (40..120).contains(&y)
+        };
+        let shell: Vec<Vec3> = (0..pixels.len())
+            .filter(|&i| middle(i))
+            .map(|i| pixels[i])
+            .collect();
+        mean(&shell)
+    };
+    let reference = brightness(Method::EmbreeTriangles);
+    for method in [
+        Method::EmbreeGrid,
+        Method::Tessellated,
+        Method::Compact,
+        Method::Compressed,
+    ] {
+        let bias = brightness(method) / reference - Vec3::ONE;
+        println!("{}: off by {bias}", method.name());
+        // Slabs are as thick as detail is deep: how far a ray passes by them is a matter of choice.
+        let most = match method {
+            Method::Compressed => 0.05,
+            _ => 0.01,
+        };
+        assert!(bias.abs().max_element() < most, "{}: {bias}", method.name());
+    }
+}
+
 /// Seen straight on, a trimmed square covers what its trim curve encloses, by every method.
 #[test]
 fn a_trimmed_square_covers_its_disc() {

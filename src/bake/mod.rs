@@ -3,7 +3,7 @@
 //! A [`Cage`] is the limit surface of a control mesh, a [`Dense`] is a mesh of polygons behind Embree. [`to_ptex`]
 //! looks from each texel's place on the limit surface for the dense mesh, along the normal, fills what
 //! it misses from around, and reads the result back as a render will, to tell by how much that is off. [`to_exr`] does so
-//! for the pixels of an image, which the cage's texture coordinates ([`Layout`]) lay over it. [`fit`] moves a cage's points closer first.
+//! for the pixels of an image, which the cage's texture coordinates ([`Layout`]) lay over it. [`fit()`] moves a cage's points closer first.
 //!
 //! The same meshes and options give the same bytes for any number of threads: each texel is found alone, and sums are
 //! taken face by face.

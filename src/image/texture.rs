@@ -107,15 +107,7 @@ impl Texture {
         wrap: [Wrap; 2],
         color_space: ColorSpace,
     ) -> Result<Self, Fault> {
-        let levels = false;
-        Self::load_how(
-            source,
-            wrap,
-            &How {
-                color_space,
-                levels,
-            },
-        )
+        Self::load_as(source, wrap, color_space, false)
     }
 
     /// The same, with the file's levels of smaller size, and those that it lacks, for [lookups of
@@ -125,22 +117,22 @@ impl Texture {
         wrap: [Wrap; 2],
         color_space: ColorSpace,
     ) -> Result<Self, Fault> {
-        let levels = true;
-        Self::load_how(
-            source,
-            wrap,
-            &How {
-                color_space,
-                levels,
-            },
-        )
+        Self::load_as(source, wrap, color_space, true)
     }
 
-    fn load_how(source: &ImageSource, wrap: [Wrap; 2], how: &How) -> Result<Self, Fault> {
-        let color_space = how.color_space;
+    fn load_as(
+        source: &ImageSource,
+        wrap: [Wrap; 2],
+        color_space: ColorSpace,
+        levels: bool,
+    ) -> Result<Self, Fault> {
+        let how = How {
+            color_space,
+            levels,
+        };
         let (udim, mut tiles) = match source {
-            ImageSource::File(path) => load_files(path, how)?,
-            ImageSource::Packed { package, tiles } => load_packed(package, tiles, how)?,
+            ImageSource::File(path) => load_files(path, &how)?,
+            ImageSource::Packed { package, tiles } => load_packed(package, tiles, &how)?,
         };
         tiles.sort_by_key(|tile| tile.number);
         Ok(Self {
@@ -171,12 +163,7 @@ impl Texture {
                 "look it up by a RelievoPtexTexture in place of the UsdUVTexture, or make an image of it",
             ));
         }
-        let load = if levels {
-            Self::load_levels
-        } else {
-            Self::load
-        };
-        load(source, wrap, color_space)
+        Self::load_as(source, wrap, color_space, levels)
     }
 
     /// The same value everywhere: stands in for an image that is missing.

@@ -3,9 +3,7 @@
 use std::fmt::Write;
 use std::sync::Arc;
 
-use relievo::image::{
-    ColorSpace, ImageSource, PtexFilter, PtexOptions, PtexTexture, Texture, Wrap,
-};
+use relievo::image::{ColorSpace, ImageSource, Texture, Wrap};
 use relievo::math::{Area, DVec3};
 use relievo::mesh::ControlMesh;
 use relievo::scene::{LoadOptions, obj};
@@ -14,10 +12,9 @@ use relievo::surface::{
     Amount, Carrier, Channels, Displacement, DisplacementMap, Function, ImageMap, Space,
     Subdivision, Surface,
 };
-use relievo_ptex::Cache;
 
 use super::models::{Model, cube_sphere};
-use super::{bake, displaced, largest, number, report};
+use super::{bake, consistent, displaced, largest, number, report};
 use crate::common::program::{Bench, expect};
 
 /// A mushroom on a sphere's top: its cap is wider than its stalk, and hangs over it.
@@ -67,13 +64,7 @@ fn by_vectors(bench: &Bench, name: &str, file: &str, space: Space) -> Surface {
         let texture = Texture::load(&image, [Wrap::Clamp; 2], ColorSpace::Raw).expect("an image");
         Arc::new(ImageMap::new(Arc::new(texture), Channels::Vector))
     } else {
-        let options = PtexOptions {
-            filter: PtexFilter::Consistent,
-            first_channel: 0,
-            color_space: ColorSpace::Raw,
-        };
-        let reader = PtexTexture::open(&image, &Cache::default()).expect("a Ptex file");
-        let texture = PtexTexture::new(reader, &options).expect("its first channel");
+        let texture = consistent(&image);
         let carrier = base.clone();
         Arc::new(Function::vector(move |at| {
             let (face, uv) = carrier.ptex(at.face, at.uv).expect("a Ptex face");
