@@ -19,7 +19,7 @@ use crate::convert::{MOST_AT_ONCE, admit};
 use crate::error::{Fault, Result, Warnings};
 use crate::image::{
     Channel, ChannelFormat, ColorSpace, Compression, ImageSource, Part, Picture, Texture, Wrap,
-    write_exr,
+    write_exr, write_whole,
 };
 use crate::math::Vec2;
 
@@ -88,15 +88,19 @@ pub fn to_exr(
         });
     }
 
-    write(path, side, channels, options.data_type, values)?;
-    let image = ImageSource::File(path.to_owned());
-    let image = Texture::load(&image, [Wrap::Clamp; 2], ColorSpace::Raw)?;
-    let places = layout.pixels(cage, side, true, run)?;
-    report.residual = residual::of(&*source, cage.faces().len(), run, |face, tell| {
-        for pixel in &places[face] {
-            let st = layout.texcoord(face as u32, pixel.uv).unwrap_or(Vec2::ZERO);
-            tell(pixel.uv, image.eval(st).to_array());
-        }
+    // It has its name only when it is checked: an interrupt leaves nothing.
+    write_whole(path, |temporary| {
+        write(temporary, side, channels, options.data_type, values)?;
+        let image = ImageSource::File(temporary.to_owned());
+        let image = Texture::load(&image, [Wrap::Clamp; 2], ColorSpace::Raw)?;
+        let places = layout.pixels(cage, side, true, run)?;
+        report.residual = residual::of(&*source, cage.faces().len(), run, |face, tell| {
+            for pixel in &places[face] {
+                let st = layout.texcoord(face as u32, pixel.uv).unwrap_or(Vec2::ZERO);
+                tell(pixel.uv, image.eval(st).to_array());
+            }
+        })?;
+        Ok(())
     })?;
     Ok((report, warnings))
 }

@@ -12,6 +12,7 @@ use relievo::mesh::{
 use relievo::{Error, Result};
 
 use super::cage::{Wanted, load_mesh};
+use super::keep_inputs;
 use super::subdivide::obj_text;
 
 /// Give a cage texture coordinates: charts by least squares conformal maps, packed into the unit square.
@@ -63,6 +64,10 @@ impl Atlas {
                 format!("--primvar {:?} is no name", self.primvar),
                 "use letters, digits and underscores, and begin with no digit",
             ));
+        }
+        if !self.ends_in("obj") {
+            // A layer has the coordinates alone.
+            keep_inputs(&[&self.cage], [&self.output])?;
         }
         let shape = load_mesh(&self.cage, self.prim.as_deref(), Wanted::Any)?;
         let mesh = shape.geometry.mesh().expect("it is a mesh");

@@ -14,6 +14,7 @@ use relievo::{Error, Result};
 use relievo_ptex::{DataType, ErrorKind, MAX_LOG2, Writer};
 
 use super::eval::load_cage;
+use super::keep_inputs;
 use super::machine::{Machine, interrupt};
 use super::scheme::{BoundaryName, SchemeName};
 use super::subdivide::obj_text;
@@ -40,7 +41,7 @@ pub(crate) struct Bake {
     #[arg(long, value_enum)]
     boundary: Option<BoundaryName>,
     /// How far from the limit surface to look [default: a tenth of the diagonal of the dense mesh's box].
-    #[arg(long, value_name = "DISTANCE", value_parser = above_zero)]
+    #[arg(long, value_name = "DISTANCE", value_parser = distance)]
     reach: Option<f64>,
     /// Take what is nearest whichever way it faces: for dense meshes whose faces are not turned alike.
     #[arg(long)]
@@ -112,6 +113,13 @@ fn above_zero(word: &str) -> Result<f64, String> {
         .ok_or_else(|| "a number above 0".to_owned())
 }
 
+/// Rays reach no farther.
+fn distance(word: &str) -> Result<f64, String> {
+    const MOST: f64 = 1e18;
+    let number = above_zero(word).ok().filter(|n| *n <= MOST);
+    number.ok_or_else(|| format!("a number above 0, up to {MOST:e}"))
+}
+
 /// The logarithm.
 fn power_of_two(word: &str) -> Result<i8, String> {
     let number: Option<u32> = word.parse().ok();
@@ -135,6 +143,8 @@ impl Bake {
                 "give the output a name that ends in .ptx or .exr",
             ));
         }
+        let outputs = self.cages().chain([&self.output]);
+        keep_inputs(&[&self.dense, &self.cage], outputs)?;
         check_destination(&self.output)?;
         if self.atlas.is_some() && !is_image {
             return Err(Error::usage(

@@ -18,6 +18,7 @@ mod subdivide;
 mod verify;
 
 use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::builder::styling::{AnsiColor, Style};
@@ -49,25 +50,17 @@ struct Arguments {
     command: Command,
 }
 
+/// What each does is told where its arguments are.
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Render a scene to a picture.
     Render(Box<render::Render>),
-    /// Keep the built hierarchies of a scene in a file, for renders that start at once.
     Build(Box<build::Build>),
-    /// Tell what is in a scene: cameras, meshes, lights, materials, memory.
     Info(info::Info),
-    /// Refine a cage to a finer OBJ file.
     Subdivide(subdivide::Subdivide),
-    /// Give a cage texture coordinates.
     Atlas(atlas::Atlas),
-    /// Evaluate the limit surface of a cage.
     Eval(eval::Eval),
-    /// Check all ways of tracing a scene against each other.
     Verify(verify::Verify),
-    /// Measure all ways of tracing a scene.
     Bench(bench::Bench),
-    /// Bake a dense mesh into displacement over a cage.
     Bake(Box<bake::Bake>),
     /// Look into Ptex files, check and convert them.
     #[command(subcommand)]
@@ -125,6 +118,26 @@ pub(crate) fn run() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Refuses to write over what is read.
+fn keep_inputs<'a>(inputs: &[&Path], outputs: impl IntoIterator<Item = &'a PathBuf>) -> Result<()> {
+    let real = |path: &Path| path.canonicalize().ok();
+    for output in outputs {
+        let is_output =
+            |input: &&&Path| real(input).is_some_and(|input| real(output) == Some(input));
+        if let Some(input) = inputs.iter().find(is_output) {
+            return Err(Error::usage(
+                format!(
+                    "{} would be written over {}",
+                    output.display(),
+                    input.display()
+                ),
+                "give the output another name",
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Writes to the standard output. Who closes the pipe early has read enough: that is no failure.

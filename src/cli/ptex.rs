@@ -8,16 +8,12 @@ mod info;
 use clap::Subcommand;
 use relievo::Result;
 
-/// What there is to do with Ptex files.
+/// What there is to do with Ptex files. What each does is told where its arguments are.
 #[derive(Debug, Subcommand)]
 pub(crate) enum Ptex {
-    /// Tell what is in a Ptex file: faces, sizes, meta data.
     Info(info::Info),
-    /// Find what is wrong with a Ptex file.
     Check(check::Check),
-    /// Filter a Ptex file at given places.
     Eval(eval::Eval),
-    /// Make Ptex files from images, images from Ptex files, and other sizes and types.
     Convert(Box<convert::Convert>),
 }
 

@@ -102,6 +102,11 @@ fn a_cage_without_a_layout_gets_an_atlas() {
         "laid.obj",
     ];
     expect(bake(&bench, &ptex), 2, &["--atlas", ".exr"]);
+    // What is read is not written over.
+    for cage in ["bare.obj", "dense.obj"] {
+        let over = ["dense.obj", "bare.obj", "-o", "c.exr", "--atlas", cage];
+        expect(bake(&bench, &over), 2, &[cage, "another name"]);
+    }
 }
 
 #[test]
