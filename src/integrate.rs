@@ -187,16 +187,12 @@ pub fn path(
             width: cone.at(interaction.t),
             spread: spread.min(WIDEST_SPREAD.max(cone.spread)),
         };
-        let origin = interaction.leave(sample.wi);
         last = Some(Scattering {
             pdf: sample.pdf,
             position: interaction.position,
             specular,
         });
-        ray = Ray {
-            t_min: interaction.clear,
-            ..Ray::new(origin, sample.wi, ray.time)
-        };
+        ray = interaction.leave(sample.wi, ray.time);
     }
 }
 
@@ -247,19 +243,16 @@ fn power_heuristic(this: f32, other: f32) -> f32 {
 /// From clear of the surface to just short of the light's point `distance` along `wi`. It aims at that point, not
 /// along `wi`: beside it, a ray to the limb of a round light would be shadowed by the light itself.
 fn shadow_ray(interaction: &Interaction, wi: Vec3, distance: f32, time: f32) -> Ray {
-    let origin = interaction.leave(wi);
+    let ray = interaction.leave(wi, time);
     if distance.is_infinite() {
-        return Ray {
-            t_min: interaction.clear,
-            ..Ray::new(origin, wi, time)
-        };
+        return ray;
     }
-    let to = interaction.position + distance * wi - origin;
+    let to = interaction.position + distance * wi - ray.origin;
     let distance = to.length();
     Ray {
-        t_min: interaction.clear,
+        direction: to / distance,
         t_max: distance * (1.0 - 1e-4),
-        ..Ray::new(origin, to / distance, time)
+        ..ray
     }
 }
 

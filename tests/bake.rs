@@ -18,10 +18,11 @@ use relievo::surface::{
     Amount, Carrier, Channels, Displacement, DisplacementMap, Function, ImageMap, Subdivision,
     Surface,
 };
-use relievo_ptex::{Cache, DataType, MeshType, Reader, Severity, check};
+use relievo_ptex::{Cache, DataType, MeshType};
 use serde_json::Value;
 
 use crate::common::program::{Bench, expect, said};
+use crate::common::sound::open;
 use crate::common::{mean, options, read, run};
 use models::{Model, bump, cube_sphere, lifted, octahedron_sphere, off};
 
@@ -46,17 +47,6 @@ fn number(report: &Value, name: &str) -> f64 {
 /// How far the report says it is from the dense mesh at most.
 fn largest(report: &Value) -> f64 {
     number(&report["residual"], "largest")
-}
-
-/// Nothing is wrong with a file.
-fn open(bench: &Bench, name: &str) -> Reader {
-    let reader = Reader::open(bench.path(name), &Cache::default()).expect("a Ptex file");
-    let findings = check(&reader);
-    let bad: Vec<_> = (findings.iter())
-        .filter(|f| f.severity != Severity::Odd)
-        .collect();
-    assert!(bad.is_empty(), "{bad:?}");
-    reader
 }
 
 /// A Ptex file as displacement reads it.

@@ -43,17 +43,11 @@ impl Dense {
                 .into());
         }
         let points = Arc::new(vec![mesh.points[0].clone()]);
-        let geometry = Geometry::triangles(device, triangles.clone(), points.clone())?;
-        let robust = SceneOptions {
-            robust: true,
-            ..SceneOptions::default()
-        };
-        let mut builder = SceneBuilder::new(device, robust)?;
-        builder.attach(geometry);
+        let scene = robust(device, triangles.clone(), points.clone(), go_on)?;
         Ok(Self {
             points,
             triangles,
-            scene: builder.commit(go_on)?,
+            scene,
             file: file.to_owned(),
         })
     }
@@ -83,4 +77,20 @@ impl Dense {
         let points = &self.points[0];
         self.triangles[triangle as usize].map(|v| points[v as usize].as_dvec3())
     }
+}
+
+/// Triangles behind Embree, for rays that slip through no edge.
+pub(super) fn robust(
+    device: &Device,
+    triangles: Vec<[u32; 3]>,
+    points: Arc<Vec<Vec<Vec3>>>,
+    go_on: &(dyn Fn(f64) -> bool + Sync),
+) -> Result<Scene> {
+    let options = SceneOptions {
+        robust: true,
+        ..SceneOptions::default()
+    };
+    let mut builder = SceneBuilder::new(device, options)?;
+    builder.attach(Geometry::triangles(device, triangles, points)?);
+    builder.commit(go_on)
 }

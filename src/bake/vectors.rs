@@ -7,12 +7,13 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::dense::robust;
 use super::{Cage, Dense, Found, Layout, Source};
 use crate::error::{Fault, Result};
 use crate::math::{DVec2, DVec3, Ray, Vec2, Vec3};
 use crate::mesh::{ControlMesh, triangulate};
 use crate::surface::Space;
-use crate::trace::{Device, Geometry, Scene, SceneBuilder, SceneOptions};
+use crate::trace::{Device, Scene};
 
 /// A dense mesh laid out flat by its texture coordinates.
 pub struct Flat {
@@ -29,7 +30,7 @@ impl Flat {
     /// The mesh of which a [`Dense`] was made, valid.
     ///
     /// # Errors
-    /// If it has no texture coordinates in its corners or points, and as [`SceneBuilder::commit`]. `file` is what faults
+    /// If it has no texture coordinates in its corners or points, and as [`SceneBuilder::commit`](crate::trace::SceneBuilder::commit). `file` is what faults
     /// name.
     pub fn new(mesh: &ControlMesh, file: &Path, device: &Device) -> Result<Self> {
         let st = mesh.primvar("st").filter(|st| st.width == 2);
@@ -46,16 +47,10 @@ impl Flat {
         let corners: Vec<Vec3> = triangles.iter().flatten().map(|&c| place(c)).collect();
         let indices = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]);
         let corners = Arc::new(vec![corners]);
-        let geometry = Geometry::triangles(device, indices.collect(), corners.clone())?;
-        let robust = SceneOptions {
-            robust: true,
-            ..SceneOptions::default()
-        };
-        let mut builder = SceneBuilder::new(device, robust)?;
-        builder.attach(geometry);
+        let scene = robust(device, indices.collect(), corners.clone(), &|_| true)?;
         Ok(Self {
             corners,
-            scene: builder.commit(&|_| true)?,
+            scene,
             file: file.to_owned(),
         })
     }

@@ -18,6 +18,7 @@ use super::keep_inputs;
 use super::machine::{Machine, interrupt};
 use super::scheme::{BoundaryName, SchemeName};
 use super::subdivide::obj_text;
+use super::words::{above_zero, log2};
 
 /// Bake a dense mesh into displacement over a cage's limit surface.
 ///
@@ -106,13 +107,6 @@ impl From<TypeName> for DataType {
     }
 }
 
-fn above_zero(word: &str) -> Result<f64, String> {
-    let number = word.parse().ok();
-    number
-        .filter(|n: &f64| n.is_finite() && *n > 0.0)
-        .ok_or_else(|| "a number above 0".to_owned())
-}
-
 /// Rays reach no farther.
 fn distance(word: &str) -> Result<f64, String> {
     const MOST: f64 = 1e18;
@@ -122,11 +116,7 @@ fn distance(word: &str) -> Result<f64, String> {
 
 /// The logarithm.
 fn power_of_two(word: &str) -> Result<i8, String> {
-    let number: Option<u32> = word.parse().ok();
-    let number = number.filter(|n| n.is_power_of_two() && *n <= 1 << MAX_LOG2);
-    number
-        .map(|n| n.ilog2() as i8)
-        .ok_or_else(|| format!("a power of two, up to {}", 1 << MAX_LOG2))
+    log2(word).ok_or_else(|| format!("a power of two, up to {}", 1 << MAX_LOG2))
 }
 
 impl Bake {

@@ -16,6 +16,7 @@ mod scheme;
 mod staging;
 mod subdivide;
 mod verify;
+mod words;
 
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};

@@ -33,10 +33,10 @@ pub struct Interaction {
     pub emission: Vec3,
     /// From the ray's origin, in lengths of its direction.
     pub t: f32,
+    error: f32,
     /// Rays that leave ask for nothing nearer. Where hits are but near to the surface, what is around is as thick as
     /// they may be off, and in the way of rays that the surface itself lets go.
-    pub clear: f32,
-    error: f32,
+    clear: f32,
     params: SurfaceParams,
 }
 
@@ -50,14 +50,18 @@ impl Interaction {
         )
     }
 
-    /// Where a ray towards `direction` starts, clear of the surface.
-    pub fn leave(&self, direction: Vec3) -> Vec3 {
+    /// A ray towards `direction`, whose length is 1, that starts clear of the surface.
+    pub fn leave(&self, direction: Vec3, time: f32) -> Ray {
         let side = if direction.dot(self.geometric_normal) < 0.0 {
             -1.0
         } else {
             1.0
         };
-        self.position + side * self.error * self.geometric_normal
+        let origin = self.position + side * self.error * self.geometric_normal;
+        Ray {
+            t_min: self.clear,
+            ..Ray::new(origin, direction, time)
+        }
     }
 
     /// From where on the same ray goes on behind this point.
@@ -186,8 +190,8 @@ impl World {
             opacity: resolved.opacity,
             emission: resolved.emission,
             t: hit.t,
-            clear: if shape.is_near_only() { own_error } else { 0.0 },
             error,
+            clear: if shape.is_near_only() { own_error } else { 0.0 },
             params: resolved.params,
         }
     }

@@ -1,6 +1,7 @@
 //! Renders small scenes for the tests and reads the pictures back.
 
 pub mod program;
+pub mod sound;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;

@@ -14,6 +14,7 @@ use relievo::{Error, Result};
 use relievo_ptex::{Cache, DataType, ErrorKind, MAX_LOG2, Reader, Writer};
 
 use crate::cli::cage::{Wanted, load_mesh};
+use crate::cli::words::{self, above_zero};
 
 /// Make Ptex files from images, images from Ptex files, and Ptex files in other sizes and types.
 ///
@@ -65,7 +66,7 @@ pub(crate) struct Convert {
         value_name = "N",
         requires = "mesh",
         conflicts_with = "res",
-        value_parser = density,
+        value_parser = above_zero,
         help_heading = "Images to Ptex"
     )]
     texels_per_unit: Option<f64>,
@@ -122,23 +123,11 @@ fn log2() -> clap::builder::RangedI64ValueParser<i8> {
     clap::value_parser!(i8).range(0..=i64::from(MAX_LOG2))
 }
 
-fn density(word: &str) -> Result<f64, String> {
-    let number = word.parse().ok();
-    number
-        .filter(|n: &f64| n.is_finite() && *n > 0.0)
-        .ok_or_else(|| "a number above 0".to_owned())
-}
-
 /// The logarithm of a factor.
 fn scale(word: &str) -> Result<i8, String> {
-    let power = |word: &str| {
-        let number: Option<u32> = word.parse().ok();
-        let number = number.filter(|n| n.is_power_of_two() && *n <= 1 << MAX_LOG2);
-        number.map(|n| n.ilog2() as i8)
-    };
     let found = match word.strip_prefix("1/") {
-        Some(part) => power(part).map(|log2| -log2),
-        None => power(word),
+        Some(part) => words::log2(part).map(|log2| -log2),
+        None => words::log2(word),
     };
     found.ok_or_else(|| {
         format!(
