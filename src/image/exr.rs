@@ -239,6 +239,8 @@ mod tests {
                     assert!(text("worldtocamera").ends_with("14, 15"));
                     let name = text("oiio:subimagename");
                     assert_eq!(name, ["beauty", "id"][part as usize]);
+                    // No time of day: the same picture, the same bytes.
+                    assert!(input.attribute(part, "DateTime").is_err());
                 }
                 assert!(input.info(2).is_err());
             }

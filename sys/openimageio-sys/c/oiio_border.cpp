@@ -410,6 +410,10 @@ int oiio_border_create(const char* file, const char* format, const OiioBorderPic
                 spec.attribute("oiio:subimagename", std::string(part.name));
             if (picture->compression)
                 spec.attribute("compression", std::string(picture->compression));
+            // OpenImageIO writes the time of the day into OpenEXR files that name none: one picture would give
+            // other bytes with each second.
+            if (std::strcmp(made->output->format_name(), "openexr") == 0)
+                spec.attribute("DateTime", std::string());
             for (size_t a = 0; a < picture->attribute_count; ++a) {
                 const OiioBorderAttribute& attribute = picture->attributes[a];
                 switch (attribute.kind) {
