@@ -93,15 +93,13 @@ impl Boxes {
         ray: &LatticeRay,
         entries: &mut [f32; LANES],
     ) -> u32 {
-        let framed = |boxes: &Self, k: usize, backwards: bool| {
-            let (origin, unit) = boxes.frame(k);
-            boxes.planes(lanes, k, backwards).map(|planes| {
-                lanes.add(lanes.mul(planes, lanes.floats(unit)), lanes.floats(origin))
-            })
-        };
         meet(lanes, ray, entries, [0; 3], |k, backwards| {
-            let [a, b] = [framed(self, k, backwards), framed(to, k, backwards)];
-            [0, 1].map(|i| moment.between_lanes(lanes, a[i], b[i]))
+            let [a, b] = self.framed(lanes, k, backwards);
+            let [c, d] = to.framed(lanes, k, backwards);
+            [
+                moment.between_lanes(lanes, a, c),
+                moment.between_lanes(lanes, b, d),
+            ]
         })
     }
 
@@ -114,6 +112,18 @@ impl Boxes {
         } else {
             [lower, upper]
         }
+    }
+
+    /// The same on the lattice.
+    #[inline(always)]
+    fn framed<L: Lanes>(&self, lanes: L, k: usize, backwards: bool) -> [L::Floats; 2] {
+        let (origin, unit) = self.frame(k);
+        let (origin, unit) = (lanes.floats(origin), lanes.floats(unit));
+        let [first, last] = self.planes(lanes, k, backwards);
+        [
+            lanes.add(lanes.mul(first, unit), origin),
+            lanes.add(lanes.mul(last, unit), origin),
+        ]
     }
 
     /// The frame along an axis: its origin, and its unit in steps.

@@ -296,8 +296,16 @@ impl FaceGrid {
     }
 
     /// The same for the first or the second triangle of the quad in column `i` of row `j`.
+    #[inline]
     pub fn cell_uv(&self, (i, j): (u16, u16), second: bool, uv: Vec2) -> Vec2 {
-        self.uv_of(cell_corners(i, j, second), uv)
+        let [nu, nv] = self.size;
+        if self.segments != [nu, nv, nu, nv] {
+            return self.uv_of(cell_corners(i, j, second), uv);
+        }
+        // The second triangle runs back from the far corner.
+        let within = if second { 1.0 - uv } else { uv };
+        let at = Vec2::new(f32::from(i), f32::from(j)) + within;
+        (at / Vec2::new(f32::from(nu), f32::from(nv))).clamp(Vec2::ZERO, Vec2::ONE)
     }
 
     #[inline]

@@ -87,7 +87,7 @@ impl Head {
     }
 
     /// Column `i` of row `j`: the clear twin of what [`traverse`](super::traverse) does with all of them at once.
-    #[inline]
+    #[cfg(test)]
     pub(super) fn vertex(&self, data: &[u8], i: usize, j: usize) -> [i32; 3] {
         let field = |k: usize| {
             let width = self.axes[k].width as usize;

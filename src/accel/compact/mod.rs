@@ -39,7 +39,6 @@ use bytemuck::{Pod, Zeroable};
 use mapped::Items;
 
 use super::lattice::Lattice;
-use super::moment::Moment;
 use super::simd::Isa;
 use super::top::Top;
 use super::{Hit, Intersector};
@@ -123,35 +122,9 @@ impl Compact {
         self.keys > 1 || !fan.is_single()
     }
 
-    /// The corners of a triangle on the lattice, where they are at a time.
-    #[inline]
-    fn corners(&self, patch: &Patch, met: &Met, moment: &Moment) -> [DVec3; 3] {
-        let fan = self.fan(patch);
-        let (i, j) = (met.cell % SIDE, met.cell / SIDE);
-        let corners = if met.second {
-            [(i + 1, j + 1), (i, j + 1), (i + 1, j)]
-        } else {
-            [(i, j), (i + 1, j), (i, j + 1)]
-        };
-        let at = |key: usize| {
-            let head = self.head(patch, &fan, met.block, key);
-            corners.map(|(i, j)| {
-                let [x, y, z] = head.vertex(&self.data, i, j);
-                DVec3::new(f64::from(x), f64::from(y), f64::from(z))
-            })
-        };
-        let from = at(moment.from);
-        if self.keys == 1 {
-            return from;
-        }
-        let to = at(moment.to);
-        let weight = f64::from(moment.weights[1]);
-        std::array::from_fn(|k| from[k].lerp(to[k], weight))
-    }
-
-    fn hit(&self, ray: &Ray, met: &Met) -> Hit {
+    #[inline(always)]
+    fn hit(&self, ray: &Ray, met: &Met, [a, b, c]: [DVec3; 3]) -> Hit {
         let patch = &self.patches[met.patch as usize];
-        let [a, b, c] = self.corners(patch, met, &Moment::new(self.keys, ray.time));
         let normal = (b - a).cross(c - a);
         let normal = if self.left_handed { -normal } else { normal };
         // Measured rather than estimated, in double precision: the point that whoever reads `t` computes, and the plane.
@@ -196,11 +169,11 @@ impl Intersector for Compact {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        self.trace::<false>(ray).map(|met| self.hit(ray, &met))
+        self.nearest(ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        self.trace::<true>(ray).is_some()
+        self.any(ray)
     }
 
     fn memory(&self) -> usize {

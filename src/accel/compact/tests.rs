@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::block::{PADDING, SIDE, Vertices};
 use super::*;
 use crate::accel::lattice::{Extent, LatticeRay};
+use crate::accel::moment::Moment;
 use crate::accel::tests::random_ray;
 use crate::accel::top::Child;
 use crate::accel::triangle::origin_in;

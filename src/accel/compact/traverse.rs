@@ -8,13 +8,14 @@
 use super::Compact;
 use super::block::{CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
 use super::patch::{Fan, Patch};
+use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::simd::{Body, LANES, Lanes, NARROW};
 use crate::accel::triangle::{TriangleHit, origin_in};
 use crate::accel::waiting::{Place, Stack, Waiting};
-use crate::math::Ray;
+use crate::math::{DVec3, Ray};
 
 /// Where a ray met a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,20 +30,87 @@ pub(super) struct Met {
 }
 
 impl Compact {
-    /// The nearest triangle, or `ANY` one.
+    /// The nearest hit.
     #[inline]
-    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
+    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
         if self.keys == 1 {
-            self.isa.run(Trace::<ANY, false> { compact: self, ray })
+            self.isa.run(Nearest(Trace::<false, false>(self, ray)))
         } else {
-            self.isa.run(Trace::<ANY, true> { compact: self, ray })
+            self.isa.run(Nearest(Trace::<false, true>(self, ray)))
+        }
+    }
+
+    /// Whether there is any.
+    #[inline]
+    pub(super) fn any(&self, ray: &Ray) -> bool {
+        if self.keys == 1 {
+            self.isa.run(Trace::<true, false>(self, ray)).is_some()
+        } else {
+            self.isa.run(Trace::<true, true>(self, ray)).is_some()
         }
     }
 }
 
-struct Trace<'a, const ANY: bool, const MOVES: bool> {
-    compact: &'a Compact,
-    ray: &'a Ray,
+/// The nearest triangle, or `ANY` one.
+struct Trace<'a, const ANY: bool, const MOVES: bool>(&'a Compact, &'a Ray);
+
+/// All that is to be known of the nearest triangle.
+struct Nearest<'a, const MOVES: bool>(Trace<'a, false, MOVES>);
+
+impl<const MOVES: bool> Body for Nearest<'_, MOVES> {
+    type Output = Option<Hit>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
+        let Trace(compact, ray) = self.0;
+        let met = self.0.run(lanes)?;
+        let moment = Moment::new(compact.keys, ray.time);
+        let corners = compact.corners::<L, MOVES>(lanes, &met, &moment);
+        Some(compact.hit(ray, &met, corners))
+    }
+}
+
+impl Compact {
+    /// The corners of a triangle on the lattice, where they are at a time.
+    #[inline(always)]
+    fn corners<L: Lanes, const MOVES: bool>(
+        &self,
+        lanes: L,
+        met: &Met,
+        moment: &Moment,
+    ) -> [DVec3; 3] {
+        let patch = &self.patches[met.patch as usize];
+        let fan = self.fan(patch);
+        let [columns, _] = fan.cells_of(met.block);
+        let (column, row) = (met.cell % SIDE, met.cell / SIDE);
+        let head = self.head(patch, &fan, met.block, moment.from);
+        let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
+        let mut at = planes.next(lanes, &self.data, [row, row + 1]);
+        if MOVES {
+            let head = self.head(patch, &fan, met.block, moment.to);
+            let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
+            let to = planes.next(lanes, &self.data, [row, row + 1]);
+            at = [
+                moment.between_lanes(lanes, at[0], to[0]),
+                moment.between_lanes(lanes, at[1], to[1]),
+                moment.between_lanes(lanes, at[2], to[2]),
+            ];
+        }
+        let mut stored = [[0.0; LANES]; 3];
+        for (stored, at) in stored.iter_mut().zip(at) {
+            lanes.store(at, stored);
+        }
+        let [x, y, z] = &stored;
+        let corner = |c: usize| {
+            let c = column + c;
+            DVec3::new(x[c].into(), y[c].into(), z[c].into())
+        };
+        if met.second {
+            [corner(SIDE + 1), corner(SIDE), corner(1)]
+        } else {
+            [corner(0), corner(1), corner(SIDE)]
+        }
+    }
 }
 
 impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
@@ -50,12 +118,12 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self { compact, ray } = self;
+        let Self(compact, ray) = self;
         let root = compact.top.root()?;
         let moment = Moment::new(compact.keys, ray.time);
         // Replaced before it is looked at: the root leads to a patch.
         let patch = compact.patches.first()?;
-        let mut walk = Walk::<MOVES> {
+        let mut walk = Walk::<ANY, MOVES> {
             compact,
             number: 0,
             patch,
@@ -105,7 +173,7 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
     }
 }
 
-struct Walk<'a, const MOVES: bool> {
+struct Walk<'a, const ANY: bool, const MOVES: bool> {
     compact: &'a Compact,
     /// The patch at hand.
     number: u32,
@@ -135,11 +203,13 @@ impl Sheared {
     /// Three values by the numbers of their vertices.
     #[inline(always)]
     fn corners(of: &[[f32; LANES]; PAIRS], corners: [usize; 3]) -> [f32; 3] {
-        corners.map(|c| of.as_flattened()[c])
+        let [a, b, c] = corners;
+        let of = of.as_flattened();
+        [of[a], of[b], of[c]]
     }
 }
 
-impl<'a, const MOVES: bool> Walk<'a, MOVES> {
+impl<const ANY: bool, const MOVES: bool> Walk<'_, ANY, MOVES> {
     #[inline(always)]
     fn enter(&mut self, number: u32) {
         self.number = number;
@@ -233,11 +303,11 @@ impl<'a, const MOVES: bool> Walk<'a, MOVES> {
         let moment = self.moment;
         let LatticeRay { k, origin, s, .. } = self.ray;
         let head = compact.head(self.patch, &self.fan, block, moment.from);
-        let mut planes = Planes::new(lanes, &head, k, columns);
+        let mut planes = Planes::new(lanes, &head, k, columns, 0);
         let mut later = planes;
         if MOVES {
             let head = compact.head(self.patch, &self.fan, block, moment.to);
-            later = Planes::new(lanes, &head, k, columns);
+            later = Planes::new(lanes, &head, k, columns, 0);
         }
         let origin = k.map(|k| lanes.floats(origin[k]));
         let [sx, sy] = [lanes.floats(s[0]), lanes.floats(s[1])];
@@ -286,8 +356,9 @@ struct Fields {
 
 impl<L: Lanes> Planes<L> {
     #[inline(always)]
-    fn new(lanes: L, head: &Head, k: [usize; 3], columns_there: usize) -> Self {
+    fn new(lanes: L, head: &Head, k: [usize; 3], columns_there: usize, first_row: usize) -> Self {
         let (columns, rows) = (lanes.load_ints(&COLUMNS), lanes.load_ints(&ROWS));
+        let rows = lanes.add_ints(rows, lanes.ints(first_row as i32));
         let axes = k.map(|k| head.axes[k]);
         let mut at = [columns; 3];
         for (at, axis) in at.iter_mut().zip(&axes) {

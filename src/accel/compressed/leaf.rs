@@ -2,7 +2,6 @@
 
 use super::tile::{CUTS, Tile};
 use crate::accel::moment::Moment;
-use crate::accel::simd::Portable;
 use crate::math::{Vec2, Vec3};
 
 /// A leaf's slab, in the coordinates of its tile.
@@ -26,12 +25,10 @@ pub(super) struct Leaf {
 
 impl Leaf {
     /// A leaf of a tile of so many quads.
+    #[inline(always)]
     pub(super) fn of(tile: &Tile, leaf: usize, quads: [usize; 2]) -> Self {
         let cuts = [0, 1].map(|k| &CUTS[k][quads[k]]);
-        let depths = tile.depths_by_number(Portable);
-        let [least, most] = tile.sides_by_number(Portable);
-        let depth = |side: usize| depths[usize::from(tile.depths(side).get(leaf))];
-        let side = |side: usize, k: usize| usize::from(tile.sides(side, k).get(leaf));
+        let wider = |side: usize| Vec2::from([0, 1].map(|k| tile.side(side, k, leaf)));
         let first = Vec2::from(cuts.map(|cuts| cuts.first[leaf]));
         let last = Vec2::from(cuts.map(|cuts| cuts.last[leaf]));
         Self {
@@ -40,14 +37,15 @@ impl Leaf {
             corners: tile.corners().map(|corners| corners[leaf].into()),
             first,
             last,
-            from: first + Vec2::from([0, 1].map(|k| least[side(0, k)])),
-            to: last + Vec2::from([0, 1].map(|k| most[side(1, k)])),
-            below: depth(0),
-            above: depth(1),
+            from: first + wider(0),
+            to: last + wider(1),
+            below: tile.depth(0, leaf),
+            above: tile.depth(1, leaf),
         }
     }
 
     /// On the way from one motion key to the next.
+    #[inline(always)]
     pub(super) fn on_the_way(&self, to: &Self, moment: &Moment) -> Self {
         let [a, b] = moment.weights;
         let blend = |from: f32, to: f32| a * from + b * to;
@@ -63,17 +61,20 @@ impl Leaf {
     }
 
     /// u, v and h of a point on the lattice.
+    #[inline(always)]
     pub(super) fn place(&self, p: Vec3) -> Vec3 {
         Vec3::from(self.axes.map(|axis| axis.dot(p - self.origin)))
     }
 
     /// The plane's normal on the lattice: as long as the height above it grows along it.
+    #[inline(always)]
     pub(super) fn normal(&self) -> Vec3 {
         let slopes = self.slopes();
         self.axes[2] - slopes.x * self.axes[0] - slopes.y * self.axes[1]
     }
 
     /// Quads before a place, counted within the tile.
+    #[inline(always)]
     pub(super) fn quads(&self, uv: Vec2) -> Vec2 {
         let part = (uv - self.from) / (self.to - self.from);
         let part = if part.is_finite() {
@@ -85,6 +86,7 @@ impl Leaf {
     }
 
     /// How the plane's height grows along u and v.
+    #[inline(always)]
     pub(super) fn slopes(&self) -> Vec2 {
         let [a, b, c, d] = self.corners;
         0.5 * Vec2::new(b + d - a - c, c + d - a - b) / (self.last - self.first)

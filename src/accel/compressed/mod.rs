@@ -106,6 +106,7 @@ impl Compressed {
     }
 
     /// A leaf of a tile at a moment.
+    #[inline(always)]
     fn leaf(&self, patch: &Patch, tile: usize, leaf: usize, moment: &Moment) -> Leaf {
         let quads = patch.quads_of(tile);
         let at = |key| Leaf::of(self.tile(patch, tile, key), leaf, quads);
@@ -116,6 +117,7 @@ impl Compressed {
         from.on_the_way(&at(moment.to), moment)
     }
 
+    #[inline(always)]
     fn hit(&self, ray: &Ray, met: &Met) -> Hit {
         let patch = &self.patches[met.patch as usize];
         let leaf = self.leaf(patch, met.tile, met.leaf, &Moment::new(self.keys, ray.time));
@@ -176,11 +178,11 @@ impl Intersector for Compressed {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        self.trace::<false>(ray).map(|met| self.hit(ray, &met))
+        self.nearest(ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        self.trace::<true>(ray).is_some()
+        self.any(ray)
     }
 
     fn memory(&self) -> usize {

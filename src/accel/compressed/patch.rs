@@ -48,6 +48,7 @@ impl Patch {
     }
 
     /// The first column and row of quads in a face of so many.
+    #[inline(always)]
     pub(super) fn first(&self, size: [u16; 2]) -> [usize; 2] {
         [0, 1].map(|k| first(self.place[k].into(), size[k].into()))
     }
@@ -87,6 +88,7 @@ pub(super) fn patches(quads: usize) -> usize {
 }
 
 /// The first quad of a patch along such a side.
+#[inline(always)]
 pub(super) fn first(patch: usize, quads: usize) -> usize {
     patch * quads / patches(quads)
 }

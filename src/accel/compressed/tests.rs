@@ -264,7 +264,7 @@ fn instruction_sets_agree_and_hits_are_in_their_slabs() {
                     let Some(hit) = expected else { continue };
                     hits += 1;
                     assert!(hit.normal.is_finite() && hit.normal != Vec3::ZERO);
-                    let met = tree.trace::<false>(&ray).expect("as before");
+                    let met = tree.nearest_leaf(&ray).expect("as before");
                     let patch = &tree.patches[met.patch as usize];
                     let moment = Moment::new(tree.keys, ray.time);
                     let leaf = tree.leaf(patch, met.tile, met.leaf, &moment);

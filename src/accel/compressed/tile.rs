@@ -192,6 +192,12 @@ impl Tile {
         lanes.mul(lanes.load(&NUMBERS), lanes.floats(amount(self.units[0])))
     }
 
+    /// How deep a leaf is below or above.
+    #[inline(always)]
+    pub(super) fn depth(&self, side: usize, leaf: usize) -> f32 {
+        NUMBERS[usize::from(self.depths[side].get(leaf))] * amount(self.units[0])
+    }
+
     /// How wide leaves are at their least u or v, or at their most, in [sides by number](Self::sides_by_number).
     #[inline(always)]
     pub(super) fn sides(&self, side: usize, k: usize) -> &Nibbles {
@@ -205,6 +211,14 @@ impl Tile {
         let even = lanes.floats(EVEN.into());
         let wider = lanes.sub(lanes.load(&NUMBERS), even);
         [-unit, unit].map(|unit| lanes.mul(wider, lanes.floats(unit)))
+    }
+
+    /// How many quads a leaf is wider at its least u or v, or at its most; less than none at the least ones.
+    #[inline(always)]
+    pub(super) fn side(&self, side: usize, k: usize, leaf: usize) -> f32 {
+        let unit = amount(self.units[1]);
+        let wider = NUMBERS[usize::from(self.sides[side][k].get(leaf))] - f32::from(EVEN);
+        wider * if side == 0 { -unit } else { unit }
     }
 
     /// The heights of the four corners of all leaves: (0, 0), (1, 0), (0, 1) and (1, 1).

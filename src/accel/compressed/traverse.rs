@@ -8,6 +8,7 @@
 use super::Compressed;
 use super::patch::Patch;
 use super::tile::{CUTS, Cuts, MOST_QUADS, Tile, there};
+use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
@@ -26,20 +27,54 @@ pub(super) struct Met {
 }
 
 impl Compressed {
-    /// The nearest leaf, or `ANY` one.
+    /// The nearest hit.
     #[inline]
-    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
+    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
         if self.keys == 1 {
-            self.isa.run(Trace::<ANY, false> { tree: self, ray })
+            self.isa.run(Nearest(Trace::<false, false>(self, ray)))
         } else {
-            self.isa.run(Trace::<ANY, true> { tree: self, ray })
+            self.isa.run(Nearest(Trace::<false, true>(self, ray)))
+        }
+    }
+
+    /// Whether there is any.
+    #[inline]
+    pub(super) fn any(&self, ray: &Ray) -> bool {
+        if self.keys == 1 {
+            self.isa.run(Trace::<true, false>(self, ray)).is_some()
+        } else {
+            self.isa.run(Trace::<true, true>(self, ray)).is_some()
         }
     }
 }
 
-struct Trace<'a, const ANY: bool, const MOVES: bool> {
-    tree: &'a Compressed,
-    ray: &'a Ray,
+#[cfg(test)]
+impl Compressed {
+    /// The nearest leaf.
+    pub(super) fn nearest_leaf(&self, ray: &Ray) -> Option<Met> {
+        if self.keys == 1 {
+            self.isa.run(Trace::<false, false>(self, ray))
+        } else {
+            self.isa.run(Trace::<false, true>(self, ray))
+        }
+    }
+}
+
+/// The nearest leaf, or `ANY` one.
+struct Trace<'a, const ANY: bool, const MOVES: bool>(&'a Compressed, &'a Ray);
+
+/// All that is to be known of the nearest leaf.
+struct Nearest<'a, const MOVES: bool>(Trace<'a, false, MOVES>);
+
+impl<const MOVES: bool> Body for Nearest<'_, MOVES> {
+    type Output = Option<Hit>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
+        let Trace(tree, ray) = self.0;
+        let met = self.0.run(lanes)?;
+        Some(tree.hit(ray, &met))
+    }
 }
 
 impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
@@ -47,7 +82,7 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self { tree, ray } = self;
+        let Self(tree, ray) = self;
         let root = tree.top.root()?;
         let moment = Moment::new(tree.keys, ray.time);
         let lattice_ray = LatticeRay::new(&tree.lattice, ray, tree.reach);

@@ -155,7 +155,7 @@ impl Isa {
             if is_x86_feature_detected!("avx2") {
                 all.push(Self(Set::Avx2));
             }
-            if is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512bw") {
+            if x86::has_avx512() {
                 all.push(Self(Set::Avx512));
             }
         }

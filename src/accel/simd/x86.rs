@@ -8,9 +8,22 @@ use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES, Lanes, NARROW_FIELDS, Ni
 #[derive(Clone, Copy)]
 pub(super) struct Avx2(());
 
-/// Exists only while code for AVX-512 (F, BW) runs.
+/// Exists only while code for AVX-512 (F, BW, DQ, VL) runs.
 #[derive(Clone, Copy)]
 pub(super) struct Avx512(());
+
+/// Whether the processor has what [`run_avx512`] asks for.
+pub(super) fn has_avx512() -> bool {
+    is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl")
+        && is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("bmi1")
+        && is_x86_feature_detected!("bmi2")
+        && is_x86_feature_detected!("lzcnt")
+        && is_x86_feature_detected!("popcnt")
+}
 
 /// # Safety
 /// The processor must have AVX2.
@@ -20,8 +33,8 @@ pub(super) unsafe fn run_avx2<B: Body>(body: B) -> B::Output {
 }
 
 /// # Safety
-/// The processor must have AVX-512 F and BW.
-#[target_feature(enable = "avx512f,avx512bw,avx2")]
+/// The processor must have AVX-512 F, BW, DQ and VL, BMI 1 and 2, and the counts of bits that come with them.
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]
 pub(super) unsafe fn run_avx512<B: Body>(body: B) -> B::Output {
     body.run(Avx512(()))
 }
