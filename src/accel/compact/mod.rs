@@ -41,6 +41,7 @@ use mapped::Items;
 use super::lattice::Lattice;
 use super::simd::Isa;
 use super::top::Top;
+use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
 use crate::surface::FaceGrid;
@@ -122,8 +123,9 @@ impl Compact {
         self.keys > 1 || !fan.is_single()
     }
 
+    /// What a ray met: a triangle with these corners on the lattice.
     #[inline(always)]
-    fn hit(&self, ray: &Ray, met: &Met, [a, b, c]: [DVec3; 3]) -> Hit {
+    fn hit_at(&self, ray: &Ray, met: &Met, [a, b, c]: [DVec3; 3]) -> Hit {
         let patch = &self.patches[met.patch as usize];
         let normal = (b - a).cross(c - a);
         let normal = if self.left_handed { -normal } else { normal };
@@ -169,11 +171,11 @@ impl Intersector for Compact {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        self.nearest(ray)
+        nearest(self, ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        self.any(ray)
+        any(self, ray)
     }
 
     fn memory(&self) -> usize {

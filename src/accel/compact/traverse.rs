@@ -12,14 +12,15 @@ use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::simd::{Body, LANES, Lanes, NARROW};
+use crate::accel::simd::{Isa, LANES, Lanes, NARROW};
+use crate::accel::traversal::Traversal;
 use crate::accel::triangle::{TriangleHit, origin_in};
 use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::{DVec3, Ray};
 
 /// Where a ray met a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Met {
+pub(in crate::accel) struct Met {
     pub(super) hit: TriangleHit,
     pub(super) patch: u32,
     /// The block in the patch.
@@ -27,47 +28,6 @@ pub(super) struct Met {
     /// The quad in the block, whose rows are [`SIDE`] apart, and whether it is its second triangle.
     pub(super) cell: usize,
     pub(super) second: bool,
-}
-
-impl Compact {
-    /// The nearest hit.
-    #[inline]
-    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        if self.keys == 1 {
-            self.isa.run(Nearest(Trace::<false, false>(self, ray)))
-        } else {
-            self.isa.run(Nearest(Trace::<false, true>(self, ray)))
-        }
-    }
-
-    /// Whether there is any.
-    #[inline]
-    pub(super) fn any(&self, ray: &Ray) -> bool {
-        if self.keys == 1 {
-            self.isa.run(Trace::<true, false>(self, ray)).is_some()
-        } else {
-            self.isa.run(Trace::<true, true>(self, ray)).is_some()
-        }
-    }
-}
-
-/// The nearest triangle, or `ANY` one.
-struct Trace<'a, const ANY: bool, const MOVES: bool>(&'a Compact, &'a Ray);
-
-/// All that is to be known of the nearest triangle.
-struct Nearest<'a, const MOVES: bool>(Trace<'a, false, MOVES>);
-
-impl<const MOVES: bool> Body for Nearest<'_, MOVES> {
-    type Output = Option<Hit>;
-
-    #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
-        let Trace(compact, ray) = self.0;
-        let met = self.0.run(lanes)?;
-        let moment = Moment::new(compact.keys, ray.time);
-        let corners = compact.corners::<L, MOVES>(lanes, &met, &moment);
-        Some(compact.hit(ray, &met, corners))
-    }
 }
 
 impl Compact {
@@ -113,17 +73,37 @@ impl Compact {
     }
 }
 
-impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
-    type Output = Option<Met>;
+impl Traversal for Compact {
+    type Met = Met;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self(compact, ray) = self;
+    fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    #[inline(always)]
+    fn moves(&self) -> bool {
+        self.keys > 1
+    }
+
+    #[inline(always)]
+    fn hit<L: Lanes, const MOVES: bool>(&self, lanes: L, ray: &Ray, met: &Met) -> Hit {
+        let moment = Moment::new(self.keys, ray.time);
+        self.hit_at(ray, met, self.corners::<L, MOVES>(lanes, met, &moment))
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let compact = self;
         let root = compact.top.root()?;
         let moment = Moment::new(compact.keys, ray.time);
         // Replaced before it is looked at: the root leads to a patch.
         let patch = compact.patches.first()?;
-        let mut walk = Walk::<ANY, MOVES> {
+        let mut walk = Walk::<MOVES> {
             compact,
             number: 0,
             patch,
@@ -173,7 +153,7 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
     }
 }
 
-struct Walk<'a, const ANY: bool, const MOVES: bool> {
+struct Walk<'a, const MOVES: bool> {
     compact: &'a Compact,
     /// The patch at hand.
     number: u32,
@@ -209,7 +189,7 @@ impl Sheared {
     }
 }
 
-impl<const ANY: bool, const MOVES: bool> Walk<'_, ANY, MOVES> {
+impl<const MOVES: bool> Walk<'_, MOVES> {
     #[inline(always)]
     fn enter(&mut self, number: u32) {
         self.number = number;
