@@ -1,6 +1,7 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
 mod boxes;
+mod cache;
 mod compact;
 mod compressed;
 mod lattice;
@@ -16,8 +17,10 @@ mod waiting;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
+pub use cache::Cached;
 pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
 pub use compressed::Compressed;
+pub use segments::{Asked, Cache};
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

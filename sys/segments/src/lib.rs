@@ -22,7 +22,6 @@ mod model;
 mod protocol;
 
 use std::cell::UnsafeCell;
-use std::ops::Deref;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -35,7 +34,7 @@ const SEGMENTS: u64 = 16;
 const LAG: u64 = 2;
 
 /// Visitors at a time that a cache serves; others build what they want for themselves.
-const SLOTS: usize = 256;
+pub const SLOTS: usize = 256;
 
 /// What a cache is made of.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Pod, Zeroable)]
@@ -169,37 +168,27 @@ pub struct Visit<'a> {
     asked: Asked,
 }
 
-/// Lines of an entry: in the cache, or the visitor's own.
-#[derive(Debug, Clone, Copy)]
-pub struct Lines<'v>(&'v [Line]);
-
-impl Deref for Lines<'_> {
-    type Target = [Line];
-
-    #[inline(always)]
-    fn deref(&self) -> &[Line] {
-        self.0
-    }
-}
-
 impl Visit<'_> {
     /// An entry that is there.
     ///
     /// # Panics
     /// If there is no such entry.
     #[inline(always)]
-    pub fn get(&self, entry: usize) -> Option<Lines<'_>> {
+    pub fn get(&self, entry: usize) -> Option<&[Line]> {
         let place = (self.entries.cache.protocol).find(&self.visitor, &self.entries.tags[entry])?;
         let lines = &self.entries.cache.lines[place.first..][..place.lines];
         // SAFETY: whoever put the entry there wrote these lines before it published them, and the protocol lets nobody
         // write to them until this visitor renews, rests or leaves. All of that takes `&mut self`, which outlives the
         // slice. The layout is that of lines.
-        Some(Lines(unsafe {
-            std::slice::from_raw_parts(lines.as_ptr().cast::<Line>(), lines.len())
-        }))
+        Some(unsafe { std::slice::from_raw_parts(lines.as_ptr().cast::<Line>(), lines.len()) })
     }
 
-    /// The same, and counts it.
+    /// Its slot, below [`SLOTS`], which is nobody else's meanwhile; none if there are too many visitors.
+    pub fn slot(&self) -> Option<usize> {
+        self.visitor.slot()
+    }
+
+    /// Whether an entry is there, which is counted. It stays there for as long as the visitor does not build.
     #[inline(always)]
     pub fn found(&mut self, entry: usize) -> bool {
         let found = self.get(entry).is_some();
@@ -220,7 +209,7 @@ impl Visit<'_> {
         entry: usize,
         room: &'v mut Vec<Line>,
         make: impl FnOnce(&mut Vec<Line>),
-    ) -> Lines<'v> {
+    ) -> &'v [Line] {
         let protocol = &self.entries.cache.protocol;
         let building = Building::of(&self.entries.tags[entry]);
         // Somebody may just have built it.
@@ -245,7 +234,7 @@ impl Visit<'_> {
             building.publish(place);
             self.asked.kept += 1;
         }
-        Lines(room)
+        room
     }
 }
 

@@ -22,12 +22,10 @@ fn look(visit: &mut Visit<'_>, entry: usize, room: &mut Vec<Line>) {
     if visit.found(entry) {
         check(
             entry,
-            &visit
-                .get(entry)
-                .expect("it was there, and stays while it is looked at"),
+            visit.get(entry).expect("it stays while it is looked at"),
         );
     } else {
-        check(entry, &visit.build(entry, room, |room| fill(entry, room)));
+        check(entry, visit.build(entry, room, |room| fill(entry, room)));
     }
 }
 
@@ -126,7 +124,7 @@ fn building_may_visit_the_cache_and_panic() {
         }
         fill(0, room);
     });
-    check(0, &lines);
+    check(0, lines);
     assert!(visit.found(0) && visit.found(1));
     assert_eq!(nested.into_inner(), 2);
     drop(visit);
