@@ -17,10 +17,10 @@ mod waiting;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
-pub use cache::Cached;
+pub use cache::{CacheSize, Cached, cache_use};
 pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
 pub use compressed::Compressed;
-pub use segments::{Asked, Cache};
+pub use segments::Cache;
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

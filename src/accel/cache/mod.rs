@@ -27,13 +27,36 @@ mod tests;
 
 use std::sync::{Arc, Mutex};
 
-use segments::{Entries, Line, Visit};
+use segments::{Asked, Cache, Entries, Line, Visit};
 
 use super::compact::{Accuracy, Patches, Skeleton, View, trace};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray};
+use crate::stats::CacheUse;
 use crate::surface::{SharedSamples, Surface};
 use dice::{Dicer, LINES_OF_NODE, Part, Room};
+
+/// Bytes of a tessellation cache.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CacheSize(pub usize);
+
+impl Default for CacheSize {
+    /// 128 MB: some hundred million micro-triangles.
+    fn default() -> Self {
+        Self(128 << 20)
+    }
+}
+
+/// What a cache was asked for so far.
+pub fn cache_use(cache: &Cache) -> CacheUse {
+    let Asked { hits, built, kept } = cache.asked();
+    CacheUse {
+        bytes: cache.bytes(),
+        hits,
+        diced: built,
+        kept,
+    }
+}
 
 /// A surface whose patches are diced when rays come to them.
 pub struct Cached {

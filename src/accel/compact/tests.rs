@@ -572,7 +572,7 @@ fn forged_files_are_refused_or_traced_to_an_end() {
                 continue;
             };
             traced += 1;
-            for key in 0..tree.skeleton.keys() {
+            for key in 0..tree.keys() {
                 tree.bounds(0, key);
             }
             for _ in 0..20 {
