@@ -80,18 +80,17 @@ impl Lattice {
     /// The nearest point of the lattice; none if it is beyond [`REACH`].
     pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
         let at = self.on_lattice(p).round();
-        Self::reaches(at).then_some([at.x as i32, at.y as i32, at.z as i32])
+        (at.abs().max_element() < f64::from(REACH)).then_some([
+            at.x as i32,
+            at.y as i32,
+            at.z as i32,
+        ])
     }
 
     /// The nearest point of the lattice that is not beyond [`REACH`].
     pub(super) fn nearest_within(&self, p: Vec3) -> [i32; 3] {
         let most = f64::from(REACH - 1);
         (self.on_lattice(p).round().to_array()).map(|x| x.clamp(-most, most) as i32)
-    }
-
-    /// Whether coordinates are below [`REACH`].
-    pub(super) fn reaches(at: DVec3) -> bool {
-        at.abs().max_element() < f64::from(REACH)
     }
 
     /// Where a point of the lattice is in the object's space.

@@ -1,5 +1,5 @@
-//! Building: where patches are, how far they reach, and the tree over them. No micro-vertex is evaluated, unless the
-//! displacement's source is certain of no bound.
+//! Building: where patches are, how far they reach, and the tree over them. For that each patch is diced once, and
+//! forgotten.
 
 use std::sync::Arc;
 
@@ -7,19 +7,19 @@ use rayon::prelude::*;
 use segments::{Cache, Entries, SLOTS};
 
 use super::Cached;
-use super::dice::{Dicer, Part, TooFar, Work};
+use super::dice::{Dicer, Measured, Part, Work};
 use crate::accel::compact::{Accuracy, Face, MaxError, Patch, SPAN, Skeleton, lattice, reach};
-use crate::accel::lattice::{Extent, Lattice};
+use crate::accel::lattice::Extent;
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::surface::{FaceGrid, Rates, SharedSamples, Surface};
 
-/// Patches that are bounded before progress is told of.
+/// Patches that are measured before progress is told of.
 const BATCH: usize = 1024;
 
 impl Cached {
-    /// Bounds all patches of a surface. `progress` is told from 0 to 1, and stops the build by returning false.
+    /// Measures all patches of a surface. `progress` is told from 0 to 1, and stops the build by returning false.
     ///
     /// # Errors
     /// [`Error::Interrupted`] if stopped, [`Error::Usage`] if the error is to be measured in pixels, of which the rates
@@ -53,16 +53,16 @@ impl Cached {
             })
             .collect();
         let mut lattice = lattice(&bounds, error);
-        let extents = loop {
+        let (extents, moved) = loop {
             let dicer = Dicer {
                 surface,
                 shared: &shared,
                 lattice,
             };
-            match extents(dicer, &grids, &patches, progress)? {
-                Ok(extents) => break extents,
+            match measure(dicer, &grids, &patches, progress)? {
+                Some(measured) => break measured,
                 // What is displaced that far has grown accordingly.
-                Err(TooFar) => lattice.step *= 16.0,
+                None => lattice.step *= 16.0,
             }
         };
         let reach = reach(&extents);
@@ -84,51 +84,44 @@ impl Cached {
             surface: surface.clone(),
             shared,
             rooms: (0..SLOTS).map(|_| None.into()).collect(),
-            accuracy: accuracy(&lattice, error, diagonal, rates, base.keys()),
+            accuracy: Accuracy {
+                asked: error.into(),
+                max: moved.largest.sqrt(),
+                rms: (moved.squares / moved.vertices.max(1) as f64).sqrt(),
+                vertices: moved.vertices,
+                diagonal: diagonal.into(),
+                pixels_per_unit: rates.pixels_per_unit().map(f64::from),
+            },
         })
     }
 }
 
-/// Of roundings that are even within a cube.
-fn accuracy(lattice: &Lattice, error: f32, diagonal: f32, rates: &Rates, keys: u32) -> Accuracy {
-    Accuracy {
-        asked: error.into(),
-        max: lattice.step() * 0.75_f64.sqrt(),
-        rms: lattice.step() * 0.5,
-        vertices: rates.micro_vertices() * u64::from(keys),
-        diagonal: diagonal.into(),
-        pixels_per_unit: rates.pixels_per_unit().map(f64::from),
-    }
-}
-
-/// What each patch encloses, by motion key.
-fn extents(
+/// What each patch encloses, by motion key, and how far vertices are moved; none if they lie beyond the lattice.
+fn measure(
     dicer: Dicer<'_>,
     grids: &[FaceGrid],
     patches: &[Patch],
     progress: &dyn Fn(f64) -> bool,
-) -> Result<Result<Vec<Vec<Extent>>, TooFar>> {
+) -> Result<Option<(Vec<Vec<Extent>>, Measured)>> {
     let keys = dicer.shared.len() as u32;
     let mut extents = vec![Vec::with_capacity(patches.len()); keys as usize];
+    let mut moved = Measured::NOTHING;
     for (done, batch) in (0..).zip(patches.chunks(BATCH)) {
-        let bounded: Result<Vec<Vec<Extent>>, TooFar> = batch
+        let measured: Option<Vec<Vec<Measured>>> = batch
             .par_iter()
             .map_init(Work::default, |work, patch| {
                 let part = Part::of(grids[patch.face as usize], patch);
-                (0..keys)
-                    .map(|key| match dicer.bound(&part, key) {
-                        Some(bounded) => bounded,
-                        None => dicer.measure(&part, key, work),
-                    })
-                    .collect()
+                let of_key = |key| dicer.measure(&part, key, work);
+                (0..keys).map(of_key).collect()
             })
             .collect();
-        let Ok(bounded) = bounded else {
-            return Ok(Err(TooFar));
+        let Some(measured) = measured else {
+            return Ok(None);
         };
-        for of_patch in bounded {
-            for (of_key, extent) in extents.iter_mut().zip(of_patch) {
-                of_key.push(extent);
+        for of_patch in measured {
+            for (of_key, measured) in extents.iter_mut().zip(of_patch) {
+                of_key.push(measured.extent);
+                moved = moved.and(measured);
             }
         }
         if !progress((done * BATCH) as f64 / patches.len() as f64) {
@@ -138,5 +131,5 @@ fn extents(
     if !progress(1.0) {
         return Err(Error::Interrupted);
     }
-    Ok(Ok(extents))
+    Ok(Some((extents, moved)))
 }

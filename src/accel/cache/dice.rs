@@ -6,8 +6,8 @@ use segments::Line;
 
 use crate::accel::compact::{Node, PADDING, Patch, SPAN, Skeleton, pack};
 use crate::accel::lattice::{Extent, Lattice};
-use crate::math::{Vec2, Vec3};
-use crate::surface::{FaceGrid, Scratch, SharedSamples, Surface, UvRect};
+use crate::math::Vec3;
+use crate::surface::{FaceGrid, Scratch, SharedSamples, Surface};
 
 /// Lines that a node takes.
 pub(super) const LINES_OF_NODE: usize = size_of::<Node>() / size_of::<Line>();
@@ -65,35 +65,6 @@ impl Part {
     fn cells(&self) -> [usize; 2] {
         [&self.columns, &self.rows].map(|range| usize::from(range.end() - range.start()))
     }
-
-    /// The part of the face that its vertices lie in, those included that are snapped along the face's edges.
-    fn rect(&self) -> UvRect {
-        let (left, right) = (*self.columns.start(), *self.columns.end());
-        let (first, last) = (*self.rows.start(), *self.rows.end());
-        let [nu, nv] = self.grid.size;
-        let place = |i: u16, j: u16| {
-            let [u, v] = [(i, nu), (j, nv)].map(|(i, n)| f32::from(i) / f32::from(n));
-            Vec2::new(u, v)
-        };
-        let mut rect = UvRect {
-            min: place(left, first),
-            max: place(right, last),
-        };
-        let mut include = |i: u16, j: u16| {
-            let at = self.grid.vertex_uv(i, j);
-            rect.min = rect.min.min(at);
-            rect.max = rect.max.max(at);
-        };
-        for i in self.columns.clone() {
-            include(i, first);
-            include(i, last);
-        }
-        for j in self.rows.clone() {
-            include(left, j);
-            include(right, j);
-        }
-        rect
-    }
 }
 
 /// What patches are diced of.
@@ -105,33 +76,51 @@ pub(super) struct Dicer<'a> {
     pub(super) lattice: Lattice,
 }
 
-/// A vertex lies beyond the lattice.
-pub(super) struct TooFar;
+/// What some vertices enclose, and how far they were moved.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Measured {
+    pub(super) extent: Extent,
+    /// Squared distances.
+    pub(super) largest: f64,
+    pub(super) squares: f64,
+    pub(super) vertices: u64,
+}
+
+impl Measured {
+    pub(super) const NOTHING: Self = Self {
+        extent: Extent::EMPTY,
+        largest: 0.0,
+        squares: 0.0,
+        vertices: 0,
+    };
+
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            extent: self.extent.union(other.extent),
+            largest: self.largest.max(other.largest),
+            squares: self.squares + other.squares,
+            vertices: self.vertices + other.vertices,
+        }
+    }
+}
 
 impl Dicer<'_> {
-    /// What a patch encloses at a motion key, by a bound of the surface; none if that is certain of none.
-    pub(super) fn bound(&self, part: &Part, key: u32) -> Option<Result<Extent, TooFar>> {
-        let bounds = self.surface.bounds(part.grid.face, &part.rect(), key)?;
-        let corners = [bounds.min, bounds.max].map(|p| self.lattice.on_lattice(p));
-        Some(
-            if corners
-                .into_iter()
-                .all(|p| Lattice::reaches(p.abs().ceil()))
-            {
-                Ok(Extent::around(&corners))
-            } else {
-                Err(TooFar)
-            },
-        )
-    }
-
-    /// The same, exactly.
-    pub(super) fn measure(&self, part: &Part, key: u32, work: &mut Work) -> Result<Extent, TooFar> {
+    /// Dices a patch at a motion key, to know what it encloses; none if that is more than the lattice.
+    pub(super) fn measure(&self, part: &Part, key: u32, work: &mut Work) -> Option<Measured> {
         if !self.dice(part, key, work) {
-            return Err(TooFar);
+            return None;
         }
-        let vertices = work.lattice.iter().copied();
-        Ok(vertices.fold(Extent::EMPTY, Extent::including))
+        let mut measured = Measured::NOTHING;
+        for (&p, &to) in work.points.iter().zip(&work.lattice) {
+            let off = (self.lattice.position(to) - p.as_dvec3()).length_squared();
+            measured = measured.and(Measured {
+                extent: Extent::EMPTY.including(to),
+                largest: off,
+                squares: off,
+                vertices: 1,
+            });
+        }
+        Some(measured)
     }
 
     /// Dices a patch at all motion keys, and packs it.

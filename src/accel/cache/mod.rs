@@ -16,9 +16,10 @@
 //! are no cracks and pictures do not depend on the size of the cache, on threads or on the order of rays.
 //!
 //! We differ from the paper in this: what is cached is quantised, at about a byte a micro-triangle instead of 16 bytes a
-//! vertex, so that the same memory holds ten times the surface; nobody is stopped when a segment is given up; and a
-//! patch is bounded without being diced, where the displacement's source is certain of a bound
-//! ([`Surface::bounds`]), instead of being diced once before the first ray.
+//! vertex, so that the same memory holds ten times the surface; and nobody is stopped when a segment is given up. As
+//! in the paper, each patch is diced once before the first ray, to know its box. Certified bounds
+//! ([`Surface::bounds`]) take a tenth of the time on smooth displacement, and a third where it is rough; but there
+//! they are so wide that rays visit several times as many patches, and are traced at a third of the speed.
 
 mod build;
 mod dice;
@@ -71,7 +72,7 @@ pub struct Cached {
 }
 
 impl Cached {
-    /// How far micro-vertices are moved at most, and in the mean square, as the step of the lattice says.
+    /// How far micro-vertices are moved.
     pub fn accuracy(&self) -> Accuracy {
         self.accuracy
     }
