@@ -7,12 +7,12 @@
 //! oldest that these may look at is t - `LAG` - kept, which is younger than what goes. With `LAG` of 2 a visitor
 //! may stay while a whole segment is filled. Nobody waits: who finds that time cannot go on does without the cache.
 //!
-//! A visitor shows its time, then looks whether it still is that time, with a fence between; who begins a segment has
-//! stored the time before, then looks at the visitors, with a fence between. So either the visitor is seen, or it
-//! sees that time and shows that.
+//! A visitor shows its time, then looks whether it still is that time; who begins a segment has stored the time before,
+//! then looks at the visitors. All four accesses are sequentially consistent: either the visitor is seen, or it sees
+//! that time and shows that. loom knows no such order of accesses, but of fences: there these stand in for it.
 
 #[cfg(not(test))]
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 #[cfg(test)]
 use loom::sync::atomic::{AtomicBool, AtomicU64, Ordering, fence};
@@ -104,9 +104,10 @@ impl<const SEGMENTS: u64, const LAG: u64> Protocol<SEGMENTS, LAG> {
     /// How much older than a visitor that may be which it looks at.
     const KEPT: u64 = SEGMENTS - 1 - LAG;
 
-    /// With segments of so many lines, at least 1, for so many visitors at a time.
+    /// With segments of so many lines, at least 1, for so many visitors at a time: a power of two.
     pub(crate) fn new(segment: usize, slots: usize) -> Self {
         assert!(SEGMENTS.is_power_of_two() && LAG >= 1 && LAG < SEGMENTS);
+        assert!(slots.is_power_of_two());
         let segment = segment as u64;
         let offset_bits = u64::BITS - segment.leading_zeros();
         // When a segment is full, each visitor may ask for as much again once.
@@ -134,43 +135,53 @@ impl<const SEGMENTS: u64, const LAG: u64> Protocol<SEGMENTS, LAG> {
     /// Begins a visit. Slots are tried from `hint` on.
     #[inline]
     pub(crate) fn enter(&self, hint: usize) -> Visitor {
-        let count = self.slots.len();
-        for slot in (0..count).map(|i| (hint + i) % count) {
-            let shown = &self.slots[slot].0;
-            if shown.load(Ordering::Relaxed) == FREE
-                && (shown.compare_exchange(FREE, AWAY, Ordering::Acquire, Ordering::Relaxed))
-                    .is_ok()
-            {
-                let mut visitor = Visitor {
-                    slot: Some(slot),
-                    floor: u64::MAX,
-                };
-                self.renew(&mut visitor);
-                return visitor;
-            }
-        }
-        Visitor {
+        let mut visitor = Visitor {
             slot: None,
             floor: u64::MAX,
+        };
+        let last = self.slots.len() - 1;
+        for slot in (0..=last).map(|i| (hint + i) & last) {
+            let shown = &self.slots[slot].0;
+            if shown.load(Ordering::Relaxed) != FREE {
+                continue;
+            }
+            let time = self.time.0.load(Ordering::Relaxed);
+            let (yes, no) = (Ordering::SeqCst, Ordering::Relaxed);
+            if shown.compare_exchange(FREE, time, yes, no).is_ok() {
+                visitor.slot = Some(slot);
+                self.shown(&mut visitor, time);
+                break;
+            }
         }
+        visitor
     }
 
     /// As if the visitor left and came again: what it found before may go.
-    #[inline]
     pub(crate) fn renew(&self, visitor: &mut Visitor) {
-        let Some(slot) = visitor.slot else { return };
-        let mut time = self.time.0.load(Ordering::Relaxed);
-        loop {
+        if let Some(slot) = visitor.slot {
+            let time = self.time.0.load(Ordering::Relaxed);
             // Whatever was read before is done with.
-            self.slots[slot].0.store(time, Ordering::Release);
-            fence(Ordering::SeqCst);
-            let now = self.time.0.load(Ordering::Relaxed);
-            if now == time {
-                break;
-            }
-            time = now;
+            self.slots[slot].0.swap(time, Ordering::SeqCst);
+            self.shown(visitor, time);
         }
-        visitor.floor = (time - Self::KEPT) << self.tag_bits;
+    }
+
+    /// Sees to it that a visitor that shows `time` does not show one that is past.
+    #[inline]
+    fn shown(&self, visitor: &mut Visitor, mut time: u64) {
+        if let Some(slot) = visitor.slot {
+            loop {
+                #[cfg(test)]
+                fence(Ordering::SeqCst);
+                let now = self.time.0.load(Ordering::SeqCst);
+                if now == time {
+                    break;
+                }
+                time = now;
+                self.slots[slot].0.swap(time, Ordering::SeqCst);
+            }
+            visitor.floor = (time - Self::KEPT) << self.tag_bits;
+        }
     }
 
     /// The visitor looks at nothing until it is [renewed](Self::renew).
@@ -250,13 +261,14 @@ impl<const SEGMENTS: u64, const LAG: u64> Protocol<SEGMENTS, LAG> {
             // Somebody was faster.
             true
         } else {
+            #[cfg(test)]
             fence(Ordering::SeqCst);
-            let past = |shown: &Padded<AtomicU64>| shown.0.load(Ordering::Acquire) >= time - LAG;
+            let past = |shown: &Padded<AtomicU64>| shown.0.load(Ordering::SeqCst) >= time - LAG;
             let may =
                 time < 1 << (u64::BITS - self.tag_bits).min(62) && self.slots.iter().all(past);
             if may {
                 self.next.0.swap(time << self.next_bits, Ordering::Release);
-                self.time.0.store(time, Ordering::Release);
+                self.time.0.store(time, Ordering::SeqCst);
             }
             may
         };
