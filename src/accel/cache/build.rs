@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::surface::{FaceGrid, Rates, SharedSamples, Surface};
 
 /// Patches that are measured before progress is told of.
-const BATCH: usize = 1024;
+const BATCH: usize = 256;
 
 impl Cached {
     /// Measures all patches of a surface. `progress` is told from 0 to 1, and stops the build by returning false.
