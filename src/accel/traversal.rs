@@ -15,17 +15,17 @@ pub(super) trait Traversal {
     fn moves(&self) -> bool;
     /// The nearest place where a ray meets anything, or `ANY` one. `MOVES` is what [`moves`](Self::moves) says.
     fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
+        &mut self,
         lanes: L,
         ray: &Ray,
     ) -> Option<Self::Met>;
     /// All that is to be known of the nearest place.
-    fn hit<L: Lanes, const MOVES: bool>(&self, lanes: L, ray: &Ray, met: &Self::Met) -> Hit;
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, lanes: L, ray: &Ray, met: &Self::Met) -> Hit;
 }
 
 /// The nearest hit.
 #[inline]
-pub(super) fn nearest<T: Traversal>(tree: &T, ray: &Ray) -> Option<Hit> {
+pub(super) fn nearest<T: Traversal>(tree: &mut T, ray: &Ray) -> Option<Hit> {
     if tree.moves() {
         tree.isa().run(Nearest::<T, true>(tree, ray))
     } else {
@@ -35,7 +35,7 @@ pub(super) fn nearest<T: Traversal>(tree: &T, ray: &Ray) -> Option<Hit> {
 
 /// Whether there is any.
 #[inline]
-pub(super) fn any<T: Traversal>(tree: &T, ray: &Ray) -> bool {
+pub(super) fn any<T: Traversal>(tree: &mut T, ray: &Ray) -> bool {
     if tree.moves() {
         tree.isa().run(Any::<T, true>(tree, ray))
     } else {
@@ -43,7 +43,7 @@ pub(super) fn any<T: Traversal>(tree: &T, ray: &Ray) -> bool {
     }
 }
 
-struct Nearest<'a, T, const MOVES: bool>(&'a T, &'a Ray);
+struct Nearest<'a, T, const MOVES: bool>(&'a mut T, &'a Ray);
 
 impl<T: Traversal, const MOVES: bool> Body for Nearest<'_, T, MOVES> {
     type Output = Option<Hit>;
@@ -56,7 +56,7 @@ impl<T: Traversal, const MOVES: bool> Body for Nearest<'_, T, MOVES> {
     }
 }
 
-struct Any<'a, T, const MOVES: bool>(&'a T, &'a Ray);
+struct Any<'a, T, const MOVES: bool>(&'a mut T, &'a Ray);
 
 impl<T: Traversal, const MOVES: bool> Body for Any<'_, T, MOVES> {
     type Output = bool;

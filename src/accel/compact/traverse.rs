@@ -5,9 +5,9 @@
 //! [`origin_in`], corner by corner. Two triangles at an edge see the same products of
 //! the same vertices, in one block or in two.
 
-use super::Compact;
 use super::block::{CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
-use super::patch::{Fan, Patch};
+use super::patch::{Fan, Node};
+use super::skeleton::Skeleton;
 use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
@@ -22,7 +22,7 @@ use crate::math::{DVec3, Ray};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::accel) struct Met {
     pub(super) hit: TriangleHit,
-    pub(super) patch: u32,
+    pub(in crate::accel) patch: u32,
     /// The block in the patch.
     pub(super) block: usize,
     /// The quad in the block, whose rows are [`SIDE`] apart, and whether it is its second triangle.
@@ -30,7 +30,28 @@ pub(in crate::accel) struct Met {
     pub(super) second: bool,
 }
 
-impl Compact {
+/// A patch's nodes, by motion key, and its blocks.
+#[derive(Clone, Copy)]
+pub(in crate::accel) struct View<'v> {
+    /// None if there is a single block.
+    pub(in crate::accel) nodes: &'v [Node],
+    pub(in crate::accel) data: &'v [u8],
+    /// The byte at which the single block starts.
+    pub(in crate::accel) start: usize,
+    pub(in crate::accel) fan: Fan,
+}
+
+impl View<'_> {
+    /// The head of a block at a motion key.
+    #[inline(always)]
+    pub(in crate::accel) fn head(&self, block: usize, key: usize) -> Head {
+        let at = match self.nodes.get(key) {
+            Some(node) => node.block(block),
+            None => self.start,
+        };
+        Head::read(self.data, at, self.fan.cells_of(block).map(|n| n + 1))
+    }
+
     /// The corners of a triangle on the lattice, where they are at a time.
     #[inline(always)]
     fn corners<L: Lanes, const MOVES: bool>(
@@ -39,17 +60,15 @@ impl Compact {
         met: &Met,
         moment: &Moment,
     ) -> [DVec3; 3] {
-        let patch = &self.patches[met.patch as usize];
-        let fan = self.fan(patch);
-        let [columns, _] = fan.cells_of(met.block);
+        let [columns, _] = self.fan.cells_of(met.block);
         let (column, row) = (met.cell % SIDE, met.cell / SIDE);
-        let head = self.head(patch, &fan, met.block, moment.from);
+        let head = self.head(met.block, moment.from);
         let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-        let mut at = planes.next(lanes, &self.data, [row, row + 1]);
+        let mut at = planes.next(lanes, self.data, [row, row + 1]);
         if MOVES {
-            let head = self.head(patch, &fan, met.block, moment.to);
+            let head = self.head(met.block, moment.to);
             let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-            let to = planes.next(lanes, &self.data, [row, row + 1]);
+            let to = planes.next(lanes, self.data, [row, row + 1]);
             at = [
                 moment.between_lanes(lanes, at[0], to[0]),
                 moment.between_lanes(lanes, at[1], to[1]),
@@ -73,44 +92,54 @@ impl Compact {
     }
 }
 
-impl Traversal for Compact {
+/// Where patches come from.
+pub(in crate::accel) trait Patches<'s> {
+    /// What is there without entering any.
+    fn skeleton(&self) -> &'s Skeleton;
+    /// A patch, until the next one is entered.
+    fn enter(&mut self, number: u32) -> View<'_>;
+}
+
+/// A surface whose patches come from anywhere.
+pub(in crate::accel) struct Through<P>(pub(in crate::accel) P);
+
+impl<'s, P: Patches<'s>> Traversal for Through<P> {
     type Met = Met;
 
     #[inline(always)]
     fn isa(&self) -> Isa {
-        self.isa
+        self.0.skeleton().isa
     }
 
     #[inline(always)]
     fn moves(&self) -> bool {
-        self.keys > 1
+        self.0.skeleton().keys > 1
     }
 
     #[inline(always)]
-    fn hit<L: Lanes, const MOVES: bool>(&self, lanes: L, ray: &Ray, met: &Met) -> Hit {
-        let moment = Moment::new(self.keys, ray.time);
-        self.hit_at(ray, met, self.corners::<L, MOVES>(lanes, met, &moment))
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, lanes: L, ray: &Ray, met: &Met) -> Hit {
+        let Self(patches) = self;
+        let skeleton = patches.skeleton();
+        let moment = Moment::new(skeleton.keys, ray.time);
+        let corners = (patches.enter(met.patch)).corners::<L, MOVES>(lanes, met, &moment);
+        skeleton.hit(ray, met, corners)
     }
 
     #[inline(always)]
     fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
+        &mut self,
         lanes: L,
         ray: &Ray,
     ) -> Option<Met> {
-        let compact = self;
-        let root = compact.top.root()?;
-        let moment = Moment::new(compact.keys, ray.time);
-        // Replaced before it is looked at: the root leads to a patch.
-        let patch = compact.patches.first()?;
+        let Self(patches) = self;
+        let skeleton = patches.skeleton();
+        let root = skeleton.top.root()?;
+        let moment = Moment::new(skeleton.keys, ray.time);
         let mut walk = Walk::<MOVES> {
-            compact,
-            number: 0,
-            patch,
-            fan: compact.fan(patch),
+            skeleton,
             moment: &moment,
             world: *ray,
-            ray: LatticeRay::new(&compact.lattice, ray, compact.reach),
+            ray: LatticeRay::new(&skeleton.lattice, ray, skeleton.reach),
         };
         let mut nearest = None;
         let mut near = [0.0; LANES];
@@ -120,30 +149,33 @@ impl Traversal for Compact {
             next = match at.place() {
                 Place::Node(node) => {
                     let hits = walk.children(lanes, node, &mut near);
-                    let node = compact.top.node(node, moment.from);
+                    let node = skeleton.top.node(node, moment.from);
                     stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
                 }
-                Place::Patch(number) => {
-                    walk.enter(number);
-                    // Before all other patches.
-                    if compact.has_node(&walk.fan) {
-                        let hits = walk.blocks(lanes, &mut near);
-                        stack.add(hits, |c| Waiting::part(near[c], c))
-                    } else {
+                Place::Patch(patch) => {
+                    let view = patches.enter(patch);
+                    let mut part = if view.nodes.is_empty() {
                         Some(Waiting::part(at.near(), 0))
-                    }
-                }
-                Place::Part(block) => {
-                    if let Some(met) = walk.block(lanes, block) {
-                        nearest = Some(met);
-                        if ANY {
-                            return nearest;
+                    } else {
+                        let hits = walk.blocks(lanes, &view, &mut near);
+                        stack.add(hits, |c| Waiting::part(near[c], c))
+                    };
+                    // All of its blocks before any other patch.
+                    while let Some(Place::Part(block)) = part.map(Waiting::place) {
+                        if let Some(found) = walk.block(lanes, &view, block) {
+                            nearest = Some(Met { patch, ..found });
+                            if ANY {
+                                return nearest;
+                            }
+                            walk.world.t_max = found.hit.t;
+                            walk.ray.end(found.hit.t);
                         }
-                        walk.world.t_max = met.hit.t;
-                        walk.ray.end(met.hit.t);
+                        part = stack.next_part(walk.ray.t_max);
                     }
                     None
                 }
+                // Met within their patches alone.
+                Place::Part(_) => None,
             };
             if next.is_none() {
                 next = stack.next(walk.ray.t_max);
@@ -154,11 +186,7 @@ impl Traversal for Compact {
 }
 
 struct Walk<'a, const MOVES: bool> {
-    compact: &'a Compact,
-    /// The patch at hand.
-    number: u32,
-    patch: &'a Patch,
-    fan: Fan,
+    skeleton: &'a Skeleton,
     moment: &'a Moment,
     /// The ray as it was given, and on the lattice; both end at the nearest hit so far.
     world: Ray,
@@ -190,29 +218,21 @@ impl Sheared {
 }
 
 impl<const MOVES: bool> Walk<'_, MOVES> {
-    #[inline(always)]
-    fn enter(&mut self, number: u32) {
-        self.number = number;
-        self.patch = &self.compact.patches[number as usize];
-        self.fan = self.compact.fan(self.patch);
-    }
-
     /// The children of a node over patches that the ray meets, as bits, and where it enters each.
     #[inline(always)]
     fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
-        let at = |key| self.compact.top.node(number, key);
+        let at = |key| self.skeleton.top.node(number, key);
         let node = at(self.moment.from);
         let boxes = [node, at(self.moment.to)].map(|node| &node.boxes);
         self.met(lanes, boxes, entries) & ((1 << node.children()) - 1)
     }
 
-    /// The same for the blocks of the patch.
+    /// The same for the blocks of a patch.
     #[inline(always)]
-    fn blocks<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
-        let root = self.patch.root as usize;
-        let at = |key: usize| &self.compact.nodes[root + key].boxes;
+    fn blocks<L: Lanes>(&self, lanes: L, view: &View<'_>, entries: &mut [f32; LANES]) -> u32 {
+        let at = |key: usize| &view.nodes[key].boxes;
         let boxes = [at(self.moment.from), at(self.moment.to)];
-        self.met(lanes, boxes, entries) & self.fan.there()
+        self.met(lanes, boxes, entries) & view.fan.there()
     }
 
     #[inline(always)]
@@ -226,14 +246,14 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
 
     /// The nearest triangle of a block.
     #[inline(always)]
-    fn block<L: Lanes>(&self, lanes: L, block: usize) -> Option<Met> {
-        let [columns, rows] = self.fan.cells_of(block);
+    fn block<L: Lanes>(&self, lanes: L, view: &View<'_>, block: usize) -> Option<Met> {
+        let [columns, rows] = view.fan.cells_of(block);
         let mut sheared = Sheared {
             x: [[0.0; LANES]; PAIRS],
             y: [[0.0; LANES]; PAIRS],
             z: [[0.0; LANES]; PAIRS],
         };
-        self.decode(lanes, block, [columns, rows], &mut sheared);
+        self.decode(lanes, view, block, [columns, rows], &mut sheared);
         let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
         let passed = edges(lanes, &sheared, rows).map(|passed| passed & cells);
 
@@ -260,7 +280,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
                 t_max = hit.t;
                 nearest = Some(Met {
                     hit,
-                    patch: self.number,
+                    patch: 0,
                     block,
                     cell,
                     second,
@@ -275,27 +295,27 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     fn decode<L: Lanes>(
         &self,
         lanes: L,
+        view: &View<'_>,
         block: usize,
         [columns, rows]: [usize; 2],
         to: &mut Sheared,
     ) {
-        let compact = self.compact;
         let moment = self.moment;
         let LatticeRay { k, origin, s, .. } = self.ray;
-        let head = compact.head(self.patch, &self.fan, block, moment.from);
+        let head = view.head(block, moment.from);
         let mut planes = Planes::new(lanes, &head, k, columns, 0);
         let mut later = planes;
         if MOVES {
-            let head = compact.head(self.patch, &self.fan, block, moment.to);
+            let head = view.head(block, moment.to);
             later = Planes::new(lanes, &head, k, columns, 0);
         }
         let origin = k.map(|k| lanes.floats(origin[k]));
         let [sx, sy] = [lanes.floats(s[0]), lanes.floats(s[1])];
         for pair in 0..rows / 2 + 1 {
             let two = [2 * pair, (2 * pair + 1).min(rows)];
-            let mut at = planes.next(lanes, &compact.data, two);
+            let mut at = planes.next(lanes, view.data, two);
             if MOVES {
-                let b = later.next(lanes, &compact.data, two);
+                let b = later.next(lanes, view.data, two);
                 at = [
                     self.moment.between_lanes(lanes, at[0], b[0]),
                     self.moment.between_lanes(lanes, at[1], b[1]),

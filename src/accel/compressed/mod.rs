@@ -180,11 +180,11 @@ impl Intersector for Compressed {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        nearest(self, ray)
+        nearest(&mut &*self, ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        any(self, ray)
+        any(&mut &*self, ray)
     }
 
     fn memory(&self) -> usize {

@@ -266,9 +266,9 @@ fn instruction_sets_agree_and_hits_are_in_their_slabs() {
                     let Some(hit) = expected else { continue };
                     hits += 1;
                     assert!(hit.normal.is_finite() && hit.normal != Vec3::ZERO);
-                    let met = match tree.moves() {
-                        true => tree.meet::<_, false, true>(Portable, &ray),
-                        false => tree.meet::<_, false, false>(Portable, &ray),
+                    let met = match (&tree).moves() {
+                        true => (&mut &tree).meet::<_, false, true>(Portable, &ray),
+                        false => (&mut &tree).meet::<_, false, false>(Portable, &ray),
                     };
                     let met = met.expect("as before");
                     let patch = &tree.patches[met.patch as usize];

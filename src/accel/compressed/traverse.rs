@@ -27,7 +27,7 @@ pub(in crate::accel) struct Met {
     pub(super) leaf: usize,
 }
 
-impl Traversal for Compressed {
+impl Traversal for &Compressed {
     type Met = Met;
 
     #[inline(always)]
@@ -41,17 +41,17 @@ impl Traversal for Compressed {
     }
 
     #[inline(always)]
-    fn hit<L: Lanes, const MOVES: bool>(&self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
         self.hit_on(ray, met)
     }
 
     #[inline(always)]
     fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
+        &mut self,
         lanes: L,
         ray: &Ray,
     ) -> Option<Met> {
-        let tree = self;
+        let tree = *self;
         let root = tree.top.root()?;
         let moment = Moment::new(tree.keys, ray.time);
         let lattice_ray = LatticeRay::new(&tree.lattice, ray, tree.reach);
