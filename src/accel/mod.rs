@@ -4,9 +4,13 @@ mod boxes;
 mod cache;
 mod compact;
 mod compressed;
+mod face;
 mod lattice;
 mod moment;
 mod simd;
+mod stored;
+#[cfg(test)]
+mod stored_tests;
 mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
@@ -19,9 +23,10 @@ mod waiting;
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
 pub use cache::{CacheSize, Cached, cache_use};
-pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
+pub use compact::{Accuracy, Compact, CompactOptions, MaxError};
 pub use compressed::Compressed;
 pub use segments::Cache;
+pub use stored::{Keep, Stored};
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

@@ -168,8 +168,8 @@ impl Render {
     }
 
     fn options(mut self) -> Result<RenderOptions> {
-        let built = self.open()?;
-        let method = match &built {
+        let mut built = self.open()?;
+        let method = match &mut built {
             None => self.method.unwrap_or_default().0,
             Some(store) => {
                 let scene = if self.built.is_none() {
@@ -181,6 +181,7 @@ impl Render {
                 let told = serde_json::from_value(store.told().clone()).map_err(|e| {
                     unusable(store, &format!("what it was told makes no sense: {e}"))
                 })?;
+                store.told_otherwise(self.staging.differing(&told));
                 self.staging = self.staging.or(told);
                 self.staging.check()?;
                 stored_method(store, self.method)?
@@ -230,14 +231,14 @@ impl Render {
                 ptex_filter: self.ptex_filter,
                 default_dome: 1.0,
             },
-            built,
+            built: built.map(Arc::new),
             camera: staging.camera,
             scene: self.scene,
         })
     }
 
     /// The store that is named, also in place of the scene.
-    fn open(&self) -> Result<Option<Arc<Store>>> {
+    fn open(&self) -> Result<Option<Store>> {
         let is_store = self
             .scene
             .extension()
@@ -253,7 +254,7 @@ impl Render {
             None if is_store => &self.scene,
             None => return Ok(None),
         };
-        Ok(Some(Arc::new(Store::open(path)?)))
+        Ok(Some(Store::open(path)?))
     }
 }
 

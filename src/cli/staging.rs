@@ -141,6 +141,22 @@ impl Staging {
         }
     }
 
+    /// The options given here that are others there.
+    pub(super) fn differing(&self, there: &Self) -> Vec<String> {
+        let options = |staging| match serde_json::to_value(staging) {
+            Ok(serde_json::Value::Object(options)) => options,
+            _ => serde_json::Map::new(),
+        };
+        let there = options(there);
+        options(self)
+            .into_iter()
+            .filter(|(name, given)| {
+                !given.is_null() && *given != false && there.get(name) != Some(given)
+            })
+            .map(|(name, _)| format!("--{}", name.replace('_', "-")))
+            .collect()
+    }
+
     pub(super) fn resolution(&self) -> Option<[u32; 2]> {
         match self.res.as_deref() {
             Some(&[width, height]) => Some([width, height]),

@@ -39,7 +39,7 @@ pub fn build(
     if !method.is_stored() {
         return Err(Error::usage(
             format!("what {} builds cannot be stored", method.name()),
-            "choose --method compact",
+            "choose --method compact or compressed",
         ));
     }
     let mut stats = Stats::default();

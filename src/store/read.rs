@@ -17,6 +17,8 @@ pub struct Store {
     path: PathBuf,
     file: Arc<MappedFile>,
     table: Table,
+    /// Options that whoever reads it is told otherwise than the build was.
+    told_otherwise: Vec<String>,
 }
 
 /// The sections of an object, whose checksums are right.
@@ -79,7 +81,13 @@ impl Store {
             path: path.to_owned(),
             file: Arc::new(file),
             table,
+            told_otherwise: Vec::new(),
         })
+    }
+
+    /// Takes the names of options that whoever reads it is told otherwise than the build was, for errors to name.
+    pub fn told_otherwise(&mut self, options: Vec<String>) {
+        self.told_otherwise = options;
     }
 
     /// The file.
@@ -126,6 +134,13 @@ impl Store {
             return Err(fault("the object is not in the store".to_owned()));
         }
         let Some(entry) = named.find(|entry| entry.digest == digest) else {
+            let others = self.told_otherwise.join(" and ");
+            if !others.is_empty() {
+                let message =
+                    format!("the store is stale: the build was not told the same {others}");
+                let advice = format!("leave out {others}, or run `relievo build` again with it");
+                return Err(fault(message).advise(advice));
+            }
             return Err(fault(
                 "the store is stale: the object's mesh, displacement, place, camera, or the options are others now"
                     .to_owned(),

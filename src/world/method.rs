@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::accel::{
     Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Intersector, Keep,
-    MaxError, Tessellated, Trimmed,
+    MaxError, Stored, Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -158,7 +158,7 @@ impl Method {
 
     /// Whether what it builds can be kept in a [`Store`](crate::store::Store).
     pub fn is_stored(self) -> bool {
-        self == Self::Compact
+        matches!(self, Self::Compact | Self::Compressed)
     }
 
     /// What was built of a surface, from a store.
@@ -174,16 +174,26 @@ impl Method {
         device: &Device,
         sections: &Sections<'_>,
     ) -> Result<TracedSurface> {
-        assert!(self.is_stored(), "{} is not stored", self.name());
-        let tree = Compact::stored(surface, sections)?;
-        let accuracy = Some(tree.accuracy());
-        let (geometry, places, bytes) = of_hit(tree, surface, device)?;
+        let traced = match self {
+            Self::Compact => {
+                let tree = Compact::stored(surface, sections)?;
+                let accuracy = Some(tree.accuracy());
+                (of_hit(tree, surface, device)?, accuracy, None)
+            }
+            Self::Compressed => {
+                let tree = Compressed::stored(surface, sections)?;
+                let thick = Some(tree.achieved());
+                (near_hit(tree, surface, device)?, None, thick)
+            }
+            _ => panic!("{} is not stored", self.name()),
+        };
+        let ((geometry, places, bytes), accuracy, thick) = traced;
         Ok(TracedSurface {
             geometry,
             places,
             bytes,
             accuracy,
-            thick: None,
+            thick,
         })
     }
 
@@ -236,8 +246,10 @@ impl Method {
             Self::Compressed => {
                 let tree = Compressed::build(surface, rates, how.go_on)?;
                 thick = Some(tree.achieved());
-                let (geometry, _, bytes) = of_hit(tree, surface, device)?;
-                (geometry, HitPlaces::NearHit, bytes)
+                if let Some(keep) = how.keep {
+                    tree.store(keep)?;
+                }
+                near_hit(tree, surface, device)?
             }
             Self::Cache => {
                 let tree = Cached::build(surface, rates, how.max_error, how.cache, how.go_on)?;
@@ -269,6 +281,16 @@ fn of_hit<I: Intersector + 'static>(
         Geometry::user(device, Arc::new(method))?
     };
     Ok((geometry, HitPlaces::OfHit, bytes))
+}
+
+/// The same where hits are near the surface only.
+fn near_hit<I: Intersector + 'static>(
+    method: I,
+    surface: &Arc<Surface>,
+    device: &Device,
+) -> Result<(Geometry, HitPlaces, usize)> {
+    let (geometry, _, bytes) = of_hit(method, surface, device)?;
+    Ok((geometry, HitPlaces::NearHit, bytes))
 }
 
 impl HitPlaces {

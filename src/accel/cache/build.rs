@@ -8,7 +8,8 @@ use segments::{Cache, Entries, SLOTS};
 
 use super::Cached;
 use super::dice::{Dicer, Measured, Part, Work};
-use crate::accel::compact::{Accuracy, Face, MaxError, Patch, SPAN, Skeleton, lattice, reach};
+use crate::accel::compact::{Accuracy, MaxError, Patch, SPAN, Skeleton, lattice, reach};
+use crate::accel::face::Face;
 use crate::accel::lattice::Extent;
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;

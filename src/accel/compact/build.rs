@@ -8,8 +8,9 @@ use rayon::prelude::*;
 
 use super::block::{PADDING, UNIT};
 use super::patch::{Node, Patch, SPAN, pack};
-use super::skeleton::{Face, Skeleton};
+use super::skeleton::Skeleton;
 use super::{Accuracy, Compact, CompactOptions};
+use crate::accel::face::Face;
 use crate::accel::lattice::{Extent, Lattice};
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;

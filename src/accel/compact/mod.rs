@@ -46,8 +46,7 @@ pub(super) use block::PADDING;
 use block::UNIT;
 pub(super) use build::{lattice, reach};
 pub(super) use patch::{Node, Patch, SPAN, pack};
-pub(super) use skeleton::{Face, Skeleton};
-pub use stored::Keep;
+pub(super) use skeleton::Skeleton;
 pub(super) use traverse::{Patches, Through, View};
 
 /// How to compress.

@@ -1,17 +1,16 @@
 //! What is kept of a surface beside its micro-vertices: the lattice, how faces are diced, and the tree over patches.
 
-use bytemuck::{Pod, Zeroable};
 use mapped::Items;
 
 use super::block::{CELLS, SIDE};
 use super::patch::{FAN, Fan, Patch, SPAN};
 use super::traverse::Met;
 use crate::accel::Hit;
+use crate::accel::face::Face;
 use crate::accel::lattice::Lattice;
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
-use crate::surface::FaceGrid;
 
 /// A surface's patches without what is in them.
 pub(in crate::accel) struct Skeleton {
@@ -26,37 +25,6 @@ pub(in crate::accel) struct Skeleton {
     /// The tree over the patches, which are in its order.
     pub(in crate::accel) top: Top,
     pub(in crate::accel) patches: Items<Patch>,
-}
-
-/// How a face is diced.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-pub(in crate::accel) struct Face {
-    pub(super) face: u32,
-    pub(super) size: [u16; 2],
-    pub(super) segments: [u16; 4],
-}
-
-impl Face {
-    pub(in crate::accel) fn new(grid: &FaceGrid) -> Self {
-        Self {
-            face: grid.face,
-            size: grid.size,
-            segments: grid.segments,
-        }
-    }
-
-    /// Its grid, as the first one of a surface.
-    #[inline(always)]
-    pub(in crate::accel) fn grid(&self) -> FaceGrid {
-        FaceGrid {
-            face: self.face,
-            size: self.size,
-            segments: self.segments,
-            first_vertex: 0,
-            first_triangle: 0,
-        }
-    }
 }
 
 impl Skeleton {

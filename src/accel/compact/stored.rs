@@ -8,22 +8,20 @@
 //!   nodes     128 bytes each
 //!   data      blocks
 //! ```
-//!
-//! Whatever a traversal takes as an index, a size or a shift is checked before anything is traced: a file may come from
-//! anywhere. Boxes and vertices are not: wrong ones make a wrong picture, and nothing worse.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::block::{HEAD, Head, PADDING, UNIT};
-use super::{Accuracy, Compact, Face, Node, Patch, SPAN, Skeleton};
+use super::{Accuracy, Compact, Node, Patch, SPAN, Skeleton};
 use crate::accel::lattice::Lattice;
 use crate::accel::simd::{Isa, WIDEST};
+use crate::accel::stored::{Keep, Stored};
 use crate::accel::top::Top;
 use crate::error::{Fault, Result};
 use crate::math::Vec3;
 use crate::store::Sections;
-use crate::surface::{MOST_SEGMENTS, Surface};
+use crate::surface::Surface;
 
 /// Everything that is one of a kind.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -44,15 +42,8 @@ struct Facts {
     pixels_per_unit: f64,
 }
 
-/// What takes sections by their names.
-pub type Keep<'a> = dyn FnMut(&[(&str, &[u8])]) -> Result<()> + 'a;
-
-impl Compact {
-    /// Gives all of it to `keep`.
-    ///
-    /// # Errors
-    /// Those of `keep`.
-    pub fn store(&self, keep: &mut Keep<'_>) -> Result<()> {
+impl Stored for Compact {
+    fn store(&self, keep: &mut Keep<'_>) -> Result<()> {
         let accuracy = self.accuracy;
         let facts = Facts {
             anchor: self.skeleton.lattice.anchor.to_array(),
@@ -78,11 +69,7 @@ impl Compact {
         ])
     }
 
-    /// That of a surface, from a store.
-    ///
-    /// # Errors
-    /// If it is not one that was built of such a surface.
-    pub fn stored(surface: &Surface, sections: &Sections<'_>) -> Result<Self, Fault> {
+    fn stored(surface: &Surface, sections: &Sections<'_>) -> Result<Self, Fault> {
         let wrong = |what: &str| sections.fault(&format!("{what} out of bounds"));
         let facts = sections.items::<Facts>("facts")?;
         let [facts] = *facts else {
@@ -153,7 +140,9 @@ impl Compact {
         }
         Ok(compact)
     }
+}
 
+impl Compact {
     /// Whether all that a patch leads to is there.
     fn is_sound(&self, patch: &Patch) -> bool {
         let Some(face) = self.skeleton.faces.get(patch.face as usize) else {
@@ -192,22 +181,6 @@ impl Compact {
                         .all(|(start, block)| start <= u32::MAX.into() && is_block(start, block))
             })
         })
-    }
-}
-
-impl Face {
-    /// Whether a surface has it, at rates that can be.
-    fn is_of(&self, surface: &Surface) -> bool {
-        let base = surface.base();
-        let most = MOST_SEGMENTS as u16;
-        let [nu, nv] = self.size;
-        let beside = [nu, nv, nu, nv];
-        let rates = self.segments.iter().zip(beside);
-        self.face < base.faces()
-            && self.size.iter().all(|n| (1..=most).contains(n))
-            && rates
-                .into_iter()
-                .all(|(&n, beside)| (1..=beside).contains(&n))
     }
 }
 

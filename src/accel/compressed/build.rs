@@ -8,8 +8,9 @@ use rayon::prelude::*;
 
 use super::patch::{Fan, Patch, first, patches};
 use super::tile::{FAN, Tile};
-use super::{Compressed, Face, fit};
+use super::{Compressed, fit};
 use crate::accel::boxes::Boxes;
+use crate::accel::face::Face;
 use crate::accel::lattice::{Extent, Lattice, REACH};
 use crate::accel::simd::{Isa, LANES};
 use crate::accel::top::Top;
@@ -164,12 +165,7 @@ impl<'a> Builder<'a> {
             }
             patches.push(patch);
         }
-        let face = |grid: &FaceGrid| Face {
-            face: grid.face,
-            size: grid.size,
-            segments: grid.segments,
-        };
-        let faces: Vec<Face> = self.grids.iter().map(face).collect();
+        let faces: Vec<Face> = self.grids.iter().map(Face::new).collect();
         Ok(Compressed {
             isa: Isa::best(),
             lattice: self.lattice,

@@ -31,14 +31,15 @@ mod build;
 mod fit;
 mod leaf;
 mod patch;
+mod stored;
 #[cfg(test)]
 mod tests;
 mod tile;
 mod traverse;
 
-use bytemuck::{Pod, Zeroable};
 use mapped::Items;
 
+use super::face::Face;
 use super::lattice::Lattice;
 use super::moment::Moment;
 use super::simd::Isa;
@@ -47,7 +48,6 @@ use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray, Vec2};
 use crate::stats::AchievedError;
-use crate::surface::FaceGrid;
 use leaf::Leaf;
 use patch::{Fan, Patch};
 use tile::{FAN, Tile};
@@ -70,15 +70,6 @@ pub struct Compressed {
     fans: Items<Fan>,
     tiles: Items<Tile>,
     thick: AchievedError,
-}
-
-/// How a face is diced.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct Face {
-    face: u32,
-    size: [u16; 2],
-    segments: [u16; 4],
 }
 
 impl Compressed {
@@ -141,28 +132,10 @@ impl Compressed {
         Hit {
             t: met.t,
             face: face.face,
-            uv: face.unsnapped((first + within) / size),
+            uv: face.grid().grid_uv((first + within) / size),
             normal: if self.left_handed { -normal } else { normal },
             error: self.lattice.step * across + f32::MIN_POSITIVE,
         }
-    }
-}
-
-impl Face {
-    /// The face's parameters of a point whose parameters over the whole grid, as if nothing were snapped, are `uv`.
-    fn unsnapped(&self, uv: Vec2) -> Vec2 {
-        let [nu, nv] = self.size;
-        if self.segments == [nu, nv, nu, nv] {
-            return uv;
-        }
-        let grid = FaceGrid {
-            face: self.face,
-            size: self.size,
-            segments: self.segments,
-            first_vertex: 0,
-            first_triangle: 0,
-        };
-        grid.grid_uv(uv)
     }
 }
 
