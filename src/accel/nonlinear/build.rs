@@ -9,23 +9,15 @@
 use rayon::prelude::*;
 
 use super::field::{LEAST_LOG, MOST_LOG, Ranges, Size, ranges};
-use super::{Nonlinear, Quad};
+use super::sheets::{Corner, Corners, Sheets};
+use super::{Collapsed, Nonlinear, Quad};
 use crate::accel::lattice::{Extent, Lattice};
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Fault, Result};
 use crate::math::{Bounds3, DVec3, Vec3};
 use crate::stats::AchievedError;
-use crate::surface::{
-    Amount, Diced, Displacement, FaceGrid, Function, Rates, Scratch, SharedSamples, Surface,
-};
-
-/// How far micro-vertices may lie beside the displaced limit points of their parameters, in micro-edges, before faces are
-/// cut into more quads.
-const MOST_ASIDE: f64 = 0.25;
-
-/// Of the places that are looked at, so many may lie farther off.
-const OUTLIERS: f64 = 0.01;
+use crate::surface::{Displacement, FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
 /// Faces that are in work at once.
 const BATCH: usize = 512;
@@ -46,208 +38,6 @@ impl Nonlinear {
         let sheets = Sheets::new(surface);
         let (cuts, corners) = sheets.quads(rates);
         Builder::new(&sheets, rates, cuts, corners).run(progress)
-    }
-}
-
-/// A surface and what it is made of.
-struct Sheets<'a> {
-    displaced: &'a Surface,
-    plain: Surface,
-    /// The limit surface moved along its normals by `far`.
-    lifted: Surface,
-    far: f32,
-}
-
-/// Corners of quads at a motion key: points and unit normals.
-type Corners = Vec<[Vec3; 2]>;
-
-impl<'a> Sheets<'a> {
-    fn new(displaced: &'a Surface) -> Self {
-        let plain = displaced.with_displacement(Displacement::None);
-        let diced = Diced::new(&plain, &Rates::uniform(&plain, 1));
-        let bounds = Bounds3::of(diced.positions().iter().flatten().copied());
-        let size = bounds.extent().length();
-        let far = if size > 0.0 && size.is_finite() {
-            size
-        } else {
-            1.0
-        };
-        let up = Function::scalar(|_| 1.0).bounded(|_| Bounds3::of([Vec3::X]));
-        let lifted = displaced.with_displacement(Displacement::Scalar(Amount {
-            map: std::sync::Arc::new(up),
-            scale: far,
-            bias: 0.0,
-        }));
-        Self {
-            displaced,
-            plain,
-            lifted,
-            far,
-        }
-    }
-
-    /// All points with their unit normals, at each motion key.
-    fn corners(&self, rates: &Rates) -> (Vec<FaceGrid>, Vec<Corners>) {
-        let [plain, lifted] = [&self.plain, &self.lifted].map(|s| Diced::new(s, rates));
-        let keys = plain.positions().iter().zip(lifted.positions().iter());
-        let corners = keys
-            .map(|(low, high)| {
-                let pairs = low.iter().zip(high);
-                pairs.map(|(&p, &q)| [p, (q - p) / self.far]).collect()
-            })
-            .collect();
-        (plain.grids().to_vec(), corners)
-    }
-
-    /// Into how many quads faces are cut along each edge, and the quads' corners.
-    fn quads(&self, rates: &Rates) -> (u32, Vec<Corners>) {
-        let base = self.plain.base();
-        let faces = (0..base.faces()).filter(|&face| !base.is_hole(face));
-        let most = faces.flat_map(|face| rates.face(face)).max().unwrap_or(1);
-        let mut cuts = 1;
-        while most > cuts << MOST_LOG {
-            cuts *= 2;
-        }
-        loop {
-            let fine = Rates::uniform(&self.plain, 2 * cuts);
-            let (grids, points) = self.corners(&fine);
-            // No finer than it takes to have four micro-quads along a side.
-            if 4 * cuts >= most || !self.bends(rates, cuts, &grids, &points) {
-                let (_, corners) = self.corners(&Rates::uniform(&self.plain, cuts));
-                return (cuts, corners);
-            }
-            cuts *= 2;
-        }
-    }
-
-    /// Whether micro-vertices would lie too far beside their places, were faces cut into quads that are two of these
-    /// grids' cells along a side.
-    fn bends(&self, rates: &Rates, cuts: u32, grids: &[FaceGrid], points: &[Corners]) -> bool {
-        let shared: Vec<SharedSamples> = (0..points.len() as u32)
-            .map(|key| {
-                SharedSamples::new(
-                    self.displaced,
-                    &Rates::uniform(self.displaced, 2 * cuts),
-                    key,
-                )
-            })
-            .collect();
-        let counts: Vec<[u64; 2]> = grids
-            .par_iter()
-            .map_init(Scratch::default, |scratch, grid| {
-                let size = rates
-                    .face(grid.face)
-                    .map(|n| f64::from(n) / f64::from(cuts));
-                let [columns, rows] = grid.vertices();
-                let first = grid.first_vertex as usize;
-                let mut moved = vec![Vec3::ZERO; (columns * rows) as usize];
-                let mut count = [0, 0];
-                for (key, points) in points.iter().enumerate() {
-                    self.displaced.dice_face(
-                        &FaceGrid {
-                            first_vertex: 0,
-                            ..*grid
-                        },
-                        key as u32,
-                        &shared[key],
-                        scratch,
-                        &mut moved,
-                    );
-                    let columns = columns as usize;
-                    let at = |i: usize, j: usize| Corner::of(&points[first + j * columns + i]);
-                    for j in 0..rows as usize {
-                        for i in 0..columns {
-                            if i % 2 == 0 && j % 2 == 0 {
-                                continue;
-                            }
-                            // The ends of the side, or of the diagonal, that it is in the middle of.
-                            let [u, v] = [i % 2, j % 2];
-                            let (a, b) = (at(i + u, j - v), at(i - u, j + v));
-                            let middle = a.lerp(&b, 0.5);
-                            let here = at(i, j);
-                            let target = moved[j * columns + i].as_dvec3();
-                            let Some(height) = middle.height(target, here.n) else {
-                                continue;
-                            };
-                            let aside = middle.at(height).distance(target);
-                            // Two cells have the micro-edges of a quad.
-                            let long = |p: Corner, q: Corner, n: f64| p.p.distance(q.p) / n;
-                            let edges = [
-                                (i + 1 < columns && i > 0)
-                                    .then(|| long(at(i - 1, j), at(i + 1, j), size[0])),
-                                (j + 1 < rows as usize && j > 0)
-                                    .then(|| long(at(i, j - 1), at(i, j + 1), size[1])),
-                            ];
-                            let edge = edges.into_iter().flatten().fold(0.0, f64::max);
-                            count[0] += 1;
-                            count[1] += u64::from(aside > MOST_ASIDE * edge);
-                        }
-                    }
-                }
-                count
-            })
-            .collect();
-        let [all, off] = counts
-            .iter()
-            .fold([0, 0], |a, b| [a[0] + b[0], a[1] + b[1]]);
-        off as f64 > OUTLIERS * all as f64
-    }
-}
-
-/// A corner, or a place between corners: points of its line.
-#[derive(Debug, Clone, Copy)]
-struct Corner {
-    p: DVec3,
-    n: DVec3,
-}
-
-impl Corner {
-    fn of([p, n]: &[Vec3; 2]) -> Self {
-        Self {
-            p: p.as_dvec3(),
-            n: n.as_dvec3(),
-        }
-    }
-
-    fn lerp(&self, to: &Self, x: f64) -> Self {
-        Self {
-            p: self.p + x * (to.p - self.p),
-            n: self.n + x * (to.n - self.n),
-        }
-    }
-
-    /// Where a quad has x and y of the way from its first corner.
-    fn within([a, b, c, d]: &[Self; 4], x: f64, y: f64) -> Self {
-        let mixed = |from: &Self, by: [(&Self, f64); 2]| {
-            let sum = |pick: fn(&Self) -> DVec3| {
-                let [(u, x), (v, y)] = by;
-                pick(from) + x * (pick(u) - pick(from)) + y * (pick(v) - pick(from))
-            };
-            Self {
-                p: sum(|c| c.p),
-                n: sum(|c| c.n),
-            }
-        };
-        if x + y <= 1.0 {
-            mixed(a, [(b, x), (c, y)])
-        } else {
-            mixed(d, [(c, 1.0 - x), (b, 1.0 - y)])
-        }
-    }
-
-    fn at(&self, height: f64) -> DVec3 {
-        self.p + height * self.n
-    }
-
-    /// Where its line meets the plane through `target` across `normal`; where it hardly does, its point next to that.
-    fn height(&self, target: DVec3, normal: DVec3) -> Option<f64> {
-        let (way, across) = (target - self.p, self.n.dot(normal));
-        let height = if across > 0.1 * self.n.length() * normal.length() {
-            way.dot(normal) / across
-        } else {
-            way.dot(self.n) / self.n.length_squared()
-        };
-        height.is_finite().then_some(height)
     }
 }
 
@@ -281,7 +71,16 @@ impl<'a> Builder<'a> {
             log.clamp(LEAST_LOG.into(), MOST_LOG.into()) as u32
         };
         // Edges are as coarse as the coarsest face there.
-        let logs = |face: u32| rates.face(face).map(log);
+        // Over a triangle that fills its quad the two go together.
+        let is_pointed = |face: u32| (0..4).any(|k| base.is_collapsed(face, k));
+        let logs = |face: u32| {
+            let [u, v] = rates.face(face).map(log);
+            if is_pointed(face) {
+                [u.max(v); 2]
+            } else {
+                [u, v]
+            }
+        };
         let faces = || (0..base.faces()).filter(|&face| !base.is_hole(face));
         let sides = || {
             faces()
@@ -382,25 +181,48 @@ impl<'a> Builder<'a> {
             largest: 0.0,
             squares: 0.0,
         };
-        let mut keep = |at: usize, place: Corner| {
-            let target = displaced[at].as_dvec3();
-            let normal = lifted[at].as_dvec3() - plain[at].as_dvec3();
+        let mut keep = |at: usize, place: Corner, target: DVec3, normal: DVec3| {
             let height = place.height(target, normal).unwrap_or(0.0) as f32;
             let off = place.at(height.into()).distance(target);
             field.heights[at] = height;
             field.largest = field.largest.max(off);
             field.squares += off * off;
         };
+        let target = |at: usize| displaced[at].as_dvec3();
+        let normal = |at: usize| lifted[at].as_dvec3() - plain[at].as_dvec3();
         for (bj, bi) in
             (0..self.cuts as usize).flat_map(|j| (0..self.cuts as usize).map(move |i| (j, i)))
         {
             let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| corner(bi + i, bj + j));
+            let collapsed = self.collapsed(grid.face, [bi, bj]);
             for y in usize::from(bj == 0)..mv {
                 for x in usize::from(bi == 0)..mu {
                     let at = (bj * mv + y) * columns + bi * mu + x;
-                    let place =
-                        Corner::within(&corners, x as f64 / mu as f64, y as f64 / mv as f64);
-                    keep(at, place);
+                    let part = [x as f64 / mu as f64, y as f64 / mv as f64];
+                    let place = Corner::within(&corners, part[0], part[1]);
+                    if collapsed == Collapsed::None {
+                        keep(at, place, target(at), normal(at));
+                        continue;
+                    }
+                    // Between the micro-vertices next to its place along the row, or the column.
+                    let [u, v] = collapsed.stretched(part);
+                    let (u, v) = (u * mu as f64, v * mv as f64);
+                    let (i, j) = (u as usize, v as usize);
+                    let first = (bj * mv + j) * columns + bi * mu + i;
+                    let (next, part) = if u > i as f64 {
+                        (first + 1, u - i as f64)
+                    } else if v > j as f64 {
+                        (first + columns, v - j as f64)
+                    } else {
+                        (first, 0.0)
+                    };
+                    let between = |a: DVec3, b: DVec3| a + part * (b - a);
+                    keep(
+                        at,
+                        place,
+                        between(target(first), target(next)),
+                        between(normal(first), normal(next)),
+                    );
                 }
             }
         }
@@ -436,10 +258,27 @@ impl<'a> Builder<'a> {
                     end(segment).lerp(&end(segment + 1), part)
                 };
                 let (i, j) = place(grid.size.map(usize::from), sample * (n / samples));
-                keep(j * columns + i, here);
+                let at = j * columns + i;
+                keep(at, here, target(at), normal(at));
             }
         }
         field
+    }
+
+    /// The side of a face's quad that is a point.
+    fn collapsed(&self, face: u32, [bi, bj]: [usize; 2]) -> Collapsed {
+        let base = self.sheets.plain.base();
+        let last = self.cuts as usize - 1;
+        let sides = [
+            (bj == last, 2, Collapsed::Top),
+            (bi == last, 1, Collapsed::Right),
+            (bj == 0, 0, Collapsed::Bottom),
+            (bi == 0, 3, Collapsed::Left),
+        ];
+        let found = sides
+            .into_iter()
+            .find(|&(there, k, _)| there && base.is_collapsed(face, k));
+        found.map_or(Collapsed::None, |(.., side)| side)
     }
 
     fn joined(self, fields: &[Vec<Field>]) -> Result<Nonlinear> {
@@ -542,6 +381,7 @@ impl<'a> Builder<'a> {
             } else {
                 Size([mu, mv].map(|n| n.trailing_zeros() as u8))
             };
+            let collapsed = self.collapsed(grid.face, [bi, bj]);
             made.quads.push(Quad {
                 face: grid.face,
                 corner: self.quads[number].vertex(bi as u16, bj as u16) as u32,
@@ -551,6 +391,7 @@ impl<'a> Builder<'a> {
                 size,
                 low: least,
                 high: most,
+                collapsed,
             });
             for key in 0..steps.len() {
                 let first = made.heights.len();
@@ -559,6 +400,7 @@ impl<'a> Builder<'a> {
                         .extend(std::iter::repeat_n(least, size.heights()));
                 } else {
                     rows(key).for_each(|row| made.heights.extend_from_slice(row));
+                    collapsed.fold(mu, &mut made.heights[first..]);
                 }
                 ranges(size, &made.heights[first..], &mut made.ranges);
             }
@@ -613,6 +455,25 @@ impl<'a> Builder<'a> {
             rms_diagonals: (squares / count.max(1) as f64).sqrt() / diagonal,
             max_pixels: None,
             vertices: count,
+        }
+    }
+}
+
+impl Collapsed {
+    /// Gives the third side of the triangle with an area the heights of the quad's side that lies there, which the next
+    /// quad has as well. `n` micro-quads along each side.
+    fn fold(self, n: usize, heights: &mut [u16]) {
+        let at = |i: usize, j: usize| j * (n + 1) + i;
+        for i in 0..=n {
+            let j = n - i;
+            let from = match self {
+                Self::None => return,
+                Self::Top => at(n, j),
+                Self::Right => at(i, n),
+                Self::Bottom => at(0, j),
+                Self::Left => at(i, 0),
+            };
+            heights[at(i, j)] = heights[from];
         }
     }
 }

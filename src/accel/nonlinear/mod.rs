@@ -49,6 +49,7 @@ mod curve;
 mod field;
 mod micro;
 mod prism;
+mod sheets;
 #[cfg(test)]
 mod tests;
 mod walk;
@@ -99,6 +100,37 @@ struct Quad {
     /// The least height and the greatest.
     low: u16,
     high: u16,
+    /// The side that is but a point, if there is one.
+    collapsed: Collapsed,
+}
+
+/// A side of a quad that is a point: only one of the triangles has an area. Its third side lies where the quad's side beside
+/// the point is, and so must its heights: over the triangle, u or v are stretched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Collapsed {
+    None,
+    /// The first triangle's c is d as well.
+    Top,
+    /// Its b is.
+    Right,
+    /// The second triangle's b is a as well.
+    Bottom,
+    /// Its c is.
+    Left,
+}
+
+impl Collapsed {
+    /// The parameters over the quad, 0..1, of a place over the triangle with an area.
+    fn stretched(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let ratio = |a: f64, b: f64| if b > 0.0 { (a / b).min(1.0) } else { 0.0 };
+        match self {
+            Self::None => [x, y],
+            Self::Top => [ratio(x, 1.0 - y), y],
+            Self::Right => [x, ratio(y, 1.0 - x)],
+            Self::Bottom => [1.0 - ratio(1.0 - x, y), y],
+            Self::Left => [x, 1.0 - ratio(1.0 - y, x)],
+        }
+    }
 }
 
 impl Quad {
@@ -123,13 +155,18 @@ impl Nonlinear {
 
     /// A quad's corners at a moment.
     #[inline(always)]
-    fn corners(&self, quad: &Quad, moment: &Moment) -> [[Vec3; 2]; 4] {
+    fn corners(&self, quad: &Quad, moment: &Moment) -> [[DVec3; 2]; 4] {
         let row = self.cuts as usize + 1;
         let all = self.corners.len() / self.keys as usize;
         [0, 1, row, row + 1].map(|next| {
             let at = |key: usize| self.corners[quad.corner as usize + next + key * all];
-            let (from, to) = (at(moment.from), at(moment.to));
-            [0, 1].map(|k| moment.between(from[k], to[k]))
+            let from = at(moment.from).map(|v| v.as_dvec3());
+            if moment.from == moment.to {
+                return from;
+            }
+            let to = at(moment.to).map(|v| v.as_dvec3());
+            let [a, b] = moment.weights.map(f64::from);
+            [0, 1].map(|k| a * from[k] + b * to[k])
         })
     }
 
@@ -166,9 +203,7 @@ impl Nonlinear {
 
         // The derivatives of P + h N by u and v, of which N times those of h make the micro-triangle's: their cross product
         // is what the adjugate of the prism's matrix makes of the micro-triangle's normal.
-        let [a, b, c, d] = self
-            .corners(quad, &moment)
-            .map(|[p, n]| [p.as_dvec3(), n.as_dvec3()]);
+        let [a, b, c, d] = self.corners(quad, &moment);
         let height = f64::from(met.height);
         let at = |corner: &[DVec3; 2]| corner[0] + height * corner[1];
         let weights = quad.weights(met.uv);
@@ -189,10 +224,12 @@ impl Nonlinear {
         let gap = ray.at(met.t).as_dvec3() - point;
         let distance = unit.dot(gap).abs() + (off * unit.dot(n)).abs();
 
-        let cuts = self.cuts as f32;
-        let within = |k: usize, uv: f32, n: usize| {
-            ((f32::from(quad.place[k]) + uv / n as f32) / cuts).clamp(0.0, 1.0)
-        };
+        let cuts = f64::from(self.cuts);
+        let [x, y] = quad
+            .collapsed
+            .stretched([f64::from(u) / nu as f64, f64::from(v) / nv as f64]);
+        let within =
+            |place: u16, part: f64| ((f64::from(place) + part) / cuts).clamp(0.0, 1.0) as f32;
         let facing = normal * if self.left_handed { -1.0 } else { 1.0 };
         // Single precision has no room for the areas of small triangles squared.
         let facing = if unit == DVec3::ZERO {
@@ -203,7 +240,7 @@ impl Nonlinear {
         Hit {
             t: met.t,
             face: quad.face,
-            uv: Vec2::new(within(0, u, nu), within(1, v, nv)),
+            uv: Vec2::new(within(quad.place[0], x), within(quad.place[1], y)),
             normal: facing.as_vec3(),
             error: (distance * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
         }

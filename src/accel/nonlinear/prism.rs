@@ -18,7 +18,7 @@
 
 use arrayvec::ArrayVec;
 
-use crate::math::{DVec3, Ray, Vec3, quadratic};
+use crate::math::{DVec3, Ray, quadratic};
 
 /// A ray that is a point.
 #[derive(Debug, Clone, Copy)]
@@ -75,9 +75,8 @@ impl Sheared {
 
     /// A corner's line, which starts at `p` and goes on by `n`.
     #[inline(always)]
-    pub(super) fn pole(&self, p: Vec3, n: Vec3) -> Pole {
-        let p = p.as_dvec3() - self.origin;
-        let n = n.as_dvec3();
+    pub(super) fn pole(&self, [p, n]: [DVec3; 2]) -> Pole {
+        let p = p - self.origin;
         let [x, y, z] = self.axes;
         let sheared = |v: DVec3| {
             [

@@ -162,11 +162,19 @@ struct Lined<'a, L: Lanes> {
     own: [L::Floats; 3],
     common: [L::Floats; 3],
     lines: L::Floats,
+    /// The quad's micro-quads along u and v.
+    sizes: L::Floats,
 }
 
 impl<'a, L: Lanes> Lined<'a, L> {
     #[inline(always)]
-    fn new(lanes: L, curve: &'a Curve, piece: Piece, tables: &'static Tables) -> Self {
+    fn new(
+        lanes: L,
+        curve: &'a Curve,
+        piece: Piece,
+        sizes: [usize; 2],
+        tables: &'static Tables,
+    ) -> Self {
         let signs = piece.falls.map(|falls| if falls { -1.0 } else { 1.0 });
         let halves = |u: f32, v: f32| {
             let mut both = [u; LANES];
@@ -185,6 +193,7 @@ impl<'a, L: Lanes> Lined<'a, L> {
             own,
             common,
             lines: lanes.load(&lines),
+            sizes: halves(sizes[0] as f32, sizes[1] as f32),
         }
     }
 
@@ -198,6 +207,8 @@ impl<'a, L: Lanes> Lined<'a, L> {
             lanes.mul(self.lines, lanes.floats(side)),
             lanes.load(&firsts),
         );
+        // A curve along the quad's border must not count as beyond it.
+        let lines = lanes.if_less(lines, self.sizes, lines, lanes.floats(FAR));
         let [c, b, a] = [0, 1, 2].map(|k| lanes.sub(self.own[k], lanes.mul(lines, self.common[k])));
         let zero = lanes.floats(0.0);
         let (from, to) = (lanes.floats(node.from), lanes.floats(node.to));
@@ -276,7 +287,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let poles = self
             .of
             .corners(quad, self.moment)
-            .map(|[p, n]| self.sheared.pole(p, n));
+            .map(|corner| self.sheared.pole(corner));
         let [a, b, c, d] = &poles;
         let diagonal = Side::new(b, c);
         let heights = [f64::from(quad.low) - 1.0, f64::from(quad.high) + 1.0];
@@ -340,7 +351,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let sizes = nu.max(nv) as f32;
         let level = quad.size.root();
         for piece in pieces {
-            let lined = Lined::new(lanes, curve, *piece, tables);
+            let lined = Lined::new(lanes, curve, *piece, [nu, nv], tables);
             let mut waiting: ArrayVec<Node, MOST_WAITING> = ArrayVec::new();
             waiting.push(Node {
                 level,
