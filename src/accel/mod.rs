@@ -5,6 +5,7 @@ mod compact;
 mod compressed;
 mod lattice;
 mod moment;
+mod nonlinear;
 mod simd;
 mod tessellated;
 #[cfg(test)]
@@ -18,6 +19,7 @@ use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
 pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
 pub use compressed::Compressed;
+pub use nonlinear::Nonlinear;
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

@@ -70,6 +70,12 @@ impl Surface {
         }
     }
 
+    /// The same limit surface, displaced in another way.
+    #[must_use]
+    pub fn with_displacement(&self, displacement: Displacement) -> Self {
+        Self::new(Arc::clone(&self.base), displacement)
+    }
+
     /// The limit surface.
     pub fn base(&self) -> &dyn Base {
         &*self.base

@@ -65,6 +65,19 @@ fn windows(bytes: &[u8], rows: [usize; 2], width: u32) -> (&'static Fields, [*co
     (fields, places)
 }
 
+/// Four shorts from each of four places, two places to a register.
+#[inline(always)]
+fn four_places(values: &[u16], places: [usize; 4]) -> [__m128i; 2] {
+    let four = |place: usize| {
+        let four: &[u16; 4] = values[place..place + 4].try_into().expect("four of them");
+        // SAFETY: every x86-64 processor has SSE2; 8 bytes are there.
+        unsafe { _mm_loadl_epi64(four.as_ptr().cast()) }
+    };
+    let [a, b, c, d] = places.map(four);
+    // SAFETY: likewise; no memory is touched.
+    unsafe { [_mm_unpacklo_epi64(a, b), _mm_unpacklo_epi64(c, d)] }
+}
+
 impl Lanes for Avx512 {
     type Floats = __m512;
     type Ints = __m512i;
@@ -125,6 +138,18 @@ impl Lanes for Avx512 {
         u32::from(op!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b)))
     }
     #[inline(always)]
+    fn sqrt(self, a: __m512) -> __m512 {
+        op!(_mm512_sqrt_ps(a))
+    }
+    #[inline(always)]
+    fn if_less(self, a: __m512, b: __m512, then: __m512, otherwise: __m512) -> __m512 {
+        op!(_mm512_mask_blend_ps(
+            _mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b),
+            otherwise,
+            then
+        ))
+    }
+    #[inline(always)]
     fn add_ints(self, a: __m512i, b: __m512i) -> __m512i {
         op!(_mm512_add_epi32(a, b))
     }
@@ -183,6 +208,16 @@ impl Lanes for Avx512 {
             let here = _mm512_srlv_epi32(_mm512_shuffle_epi8(all, shuffle), shift);
             _mm512_and_si512(here, _mm512_set1_epi32(fields.mask as i32))
         }
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> __m512i {
+        let all = four_places(values, places);
+        op!(_mm512_cvtepu16_epi32(_mm256_set_m128i(all[1], all[0])))
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> __m512i {
+        // SAFETY: the token says that the instructions are there; 32 bytes are.
+        unsafe { _mm512_cvtepu16_epi32(_mm256_loadu_si256(values.as_ptr().cast())) }
     }
     #[inline(always)]
     fn pick(self, numbers: &Nibbles, table: __m512) -> __m512 {
@@ -274,6 +309,26 @@ impl Lanes for Avx2 {
         (bits(0) | (bits(1) << 8)) as u32
     }
     #[inline(always)]
+    fn sqrt(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_sqrt_ps(a[0]), _mm256_sqrt_ps(a[1])])
+    }
+    #[inline(always)]
+    fn if_less(
+        self,
+        a: [__m256; 2],
+        b: [__m256; 2],
+        then: [__m256; 2],
+        otherwise: [__m256; 2],
+    ) -> [__m256; 2] {
+        [0, 1].map(|i| {
+            op!(_mm256_blendv_ps(
+                otherwise[i],
+                then[i],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[i], b[i])
+            ))
+        })
+    }
+    #[inline(always)]
     fn add_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
         op!([_mm256_add_epi32(a[0], b[0]), _mm256_add_epi32(a[1], b[1])])
     }
@@ -359,6 +414,22 @@ impl Lanes for Avx2 {
                     _mm256_srlv_epi32(high, _mm256_loadu_si256(shift.add(1))),
                     mask,
                 ),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> [__m256i; 2] {
+        let all = four_places(values, places);
+        op!([_mm256_cvtepu16_epi32(all[0]), _mm256_cvtepu16_epi32(all[1])])
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> [__m256i; 2] {
+        let at = values.as_ptr().cast::<__m128i>();
+        // SAFETY: the token says that the instructions are there; twice 16 bytes are.
+        unsafe {
+            [
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at)),
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at.wrapping_add(1))),
             ]
         }
     }
