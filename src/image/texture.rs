@@ -9,6 +9,7 @@
 mod levels;
 mod load;
 mod slope;
+mod texels;
 
 use std::sync::LazyLock;
 
@@ -16,6 +17,7 @@ use glam::{Mat3, Vec2, Vec4};
 use half::slice::HalfFloatSliceExt;
 
 use self::levels::{Level, Sheet};
+pub use self::texels::{FROM_BYTE, Fold, TexelKind, Texels};
 use self::load::{How, load_files, load_packed, tame};
 use super::border::{Info, Pixels};
 use super::{ColorSpace, ImageSource, Wrap, linear_from_srgb};

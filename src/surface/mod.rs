@@ -29,13 +29,15 @@ pub use base::{
 };
 pub use bicubic::Bicubic;
 
+pub(crate) use dice::snapped;
 pub use dice::{Diced, FaceGrid, Grids};
 pub use displace::{
     Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,
     Space,
 };
 pub use evaluate::{DisplacedPoint, Faults, Surface, tangents};
-pub use image_map::{Channels, ImageMap};
+pub use crate::image::{FROM_BYTE, Fold, TexelKind, Texels};
+pub use image_map::{Channels, HeightImage, ImageMap};
 pub use patch::Patch;
 pub use pyramid::Pyramid;
 pub use rates::{Dicing, MOST_SEGMENTS, Places, Rates, View};

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use crate::accel::{
-    Accuracy, Compact, CompactOptions, Compressed, Intersector, Keep, MaxError, Tessellated,
-    Trimmed,
+    Accuracy, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions, Intersector, Keep, MaxError,
+    Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -31,6 +31,8 @@ pub enum Method {
     Compact,
     /// Thin slabs around a few of our micro-triangles each, in trees without pointers.
     Compressed,
+    /// Micro-triangles that are computed where rays pass, of a surface as few quads and an image.
+    Dbvh,
 }
 
 /// A surface built for a method.
@@ -80,7 +82,7 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
@@ -88,6 +90,7 @@ impl Method {
         Self::Tessellated,
         Self::Compact,
         Self::Compressed,
+        Self::Dbvh,
     ];
 
     /// Its name on the command line and in reports.
@@ -100,6 +103,7 @@ impl Method {
             Self::Tessellated => "tessellated",
             Self::Compact => "compact",
             Self::Compressed => "compressed",
+            Self::Dbvh => "dbvh",
         }
     }
 
@@ -117,6 +121,7 @@ impl Method {
             Self::Compressed => {
                 "thin slabs around a few micro-triangles each, at about half a byte for one"
             }
+            Self::Dbvh => "micro-triangles computed where rays pass: nothing is diced or kept",
         }
     }
 
@@ -130,6 +135,7 @@ impl Method {
             Self::Tessellated => 50,
             Self::Compact => 3,
             Self::Compressed => 2,
+            Self::Dbvh => 2,
         }
     }
 
@@ -223,6 +229,10 @@ impl Method {
                 thick = Some(tree.achieved());
                 let (geometry, _, bytes) = of_hit(tree, surface, device)?;
                 (geometry, HitPlaces::NearHit, bytes)
+            }
+            Self::Dbvh => {
+                let tree = Dbvh::build(surface, rates, &DbvhOptions::default(), how.go_on)?;
+                of_hit(tree, surface, device)?
             }
         };
         let geometry = places.trimmed(geometry, surface);

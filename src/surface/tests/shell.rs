@@ -16,7 +16,7 @@ fn along(shell: &Shell, base: &Patches, grid: &FaceGrid, k: u32) -> BTreeMap<u16
             let vertex = grid.vertex(i, j) as usize;
             let ShellPoint { position, normal } = shell.points(0)[vertex];
             let st = shell.st()[vertex];
-            let sample = dice::snapped(x, n, segments);
+            let sample = snapped(x, n, segments);
             let sample = if base.edge(grid.face, k).reversed {
                 segments - sample
             } else {
