@@ -48,19 +48,27 @@ const COUNT: [f32; LANES] = [
     0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0,
 ];
 
+// Closures would not be compiled for the instruction set: there are none where there are lanes.
 impl<L: Lanes> Weights<L> {
     #[inline(always)]
     pub(super) fn new(lanes: L, block: &Block<'_>) -> Self {
-        let [u, v] = [0, 1].map(|k| {
-            // Beyond the block's last vertices these again.
-            let within = lanes.min(lanes.load(&COUNT), lanes.floats(block.cells[k] as f32));
-            let at = lanes.add(within, lanes.floats(block.first[k] as f32));
-            let share = lanes.floats(block.face.share[k]);
-            let rest = lanes.sub(lanes.floats(f32::from(block.face.cells[k])), at);
-            let weight = |number| lanes.min(lanes.mul(number, share), lanes.floats(1.0));
-            [weight(rest), weight(at)]
-        });
-        Self { u, v }
+        Self {
+            u: Self::along(lanes, block, 0),
+            v: Self::along(lanes, block, 1),
+        }
+    }
+
+    #[inline(always)]
+    fn along(lanes: L, block: &Block<'_>, k: usize) -> [L::Floats; 2] {
+        // Beyond the block's last vertices these again.
+        let within = lanes.min(lanes.load(&COUNT), lanes.floats(block.cells[k] as f32));
+        let at = lanes.add(within, lanes.floats(block.first[k] as f32));
+        let (share, one) = (lanes.floats(block.face.share[k]), lanes.floats(1.0));
+        let rest = lanes.sub(lanes.floats(f32::from(block.face.cells[k])), at);
+        [
+            lanes.min(lanes.mul(rest, share), one),
+            lanes.min(lanes.mul(at, share), one),
+        ]
     }
 
     /// All rows of the left side, then of the right one.
@@ -134,17 +142,15 @@ impl Dbvh {
     ) {
         let weights = Weights::new(lanes, block);
         let heights = self.heights.block(lanes, block, &weights, moment);
-        let p = quad.p.each_ref().map(|of| weights.sides(lanes, of));
-        let n = quad.n.each_ref().map(|of| weights.sides(lanes, of));
-        for pair in 0..block.cells[1] / 2 + 1 {
-            let axis = |k: usize| {
-                let p = weights.rows(lanes, p[k], pair);
-                let n = weights.rows(lanes, n[k], pair);
-                lanes.add(p, lanes.mul(heights[pair], n))
-            };
-            lanes.store(axis(0), &mut to.x[pair]);
-            lanes.store(axis(1), &mut to.y[pair]);
-            lanes.store(axis(2), &mut to.z[pair]);
+        for (k, to) in [&mut to.x, &mut to.y, &mut to.z].into_iter().enumerate() {
+            let p = weights.sides(lanes, &quad.p[k]);
+            let n = weights.sides(lanes, &quad.n[k]);
+            for pair in 0..block.cells[1] / 2 + 1 {
+                let p = weights.rows(lanes, p, pair);
+                let n = weights.rows(lanes, n, pair);
+                let moved = lanes.add(p, lanes.mul(heights[pair], n));
+                lanes.store(moved, &mut to[pair]);
+            }
         }
         if block.face.has_kept && block.is_border() {
             self.replace_kept(block, moment, shear, to);

@@ -79,28 +79,31 @@ impl Heights {
             Source::Flat(value) => return [lanes.floats(self.of(*value)); PAIRS],
             Source::Image(image) => {
                 let texels = image.texels();
-                let [s, t] = [&block.s, &block.t].map(|of| weights.sides(lanes, of));
+                let s = weights.sides(lanes, &block.s);
+                let t = weights.sides(lanes, &block.t);
                 for (pair, out) in out.iter_mut().enumerate().take(pairs) {
-                    let [s, t] = [s, t].map(|of| weights.rows(lanes, of, pair));
+                    let s = weights.rows(lanes, s, pair);
+                    let t = weights.rows(lanes, t, pair);
                     *out = look_up(lanes, &texels, s, t);
                 }
             }
             Source::Kept(keys) => {
                 for (pair, out) in out.iter_mut().enumerate().take(pairs) {
-                    let at = |key: usize| {
-                        let mut two = [0.0; LANES];
-                        block.two_rows(&keys[key], pair, &mut two);
-                        lanes.load(&two)
-                    };
-                    *out = at(moment.from);
+                    let mut two = [0.0; LANES];
+                    block.two_rows(&keys[moment.from], pair, &mut two);
+                    *out = lanes.load(&two);
                     if moment.from != moment.to {
-                        *out = moment.between_lanes(lanes, *out, at(moment.to));
+                        block.two_rows(&keys[moment.to], pair, &mut two);
+                        *out = moment.between_lanes(lanes, *out, lanes.load(&two));
                     }
                 }
             }
         }
         let (scale, bias) = (lanes.floats(self.scale), lanes.floats(self.bias));
-        out.map(|value| lanes.add(lanes.mul(value, scale), bias))
+        for out in &mut out {
+            *out = lanes.add(lanes.mul(*out, scale), bias);
+        }
+        out
     }
 
     /// The height at one micro-vertex, by column and row in the face: the clear twin of [`block`](Self::block).
@@ -134,43 +137,51 @@ impl Heights {
     }
 }
 
-/// Coordinates near 0..1, as [`Texels::eval`] brings them there.
+/// Coordinates in texels along an axis, from the middle of the first one; the texel before, how far after it they are,
+/// and the lanes where that texel and the next are within the image.
 #[inline(always)]
-fn folded<L: Lanes>(lanes: L, texels: &Texels<'_>, axis: usize, s: L::Floats) -> L::Floats {
-    let floor = |s| lanes.floor(s);
-    match texels.fold(axis) {
-        Fold::Ones => lanes.sub(s, floor(s)),
+fn along<L: Lanes>(
+    lanes: L,
+    texels: &Texels<'_>,
+    axis: usize,
+    s: L::Floats,
+) -> (L::Floats, L::Floats, u32) {
+    let s = match texels.fold(axis) {
+        Fold::Ones => lanes.sub(s, lanes.floor(s)),
         Fold::Twos => {
-            let twos = floor(lanes.mul(lanes.floats(0.5), s));
+            let twos = lanes.floor(lanes.mul(lanes.floats(0.5), s));
             lanes.sub(s, lanes.mul(lanes.floats(2.0), twos))
         }
         Fold::Within([low, high]) => lanes.min(lanes.max(s, lanes.floats(low)), lanes.floats(high)),
-    }
+    };
+    let size = texels.size[axis] as f32;
+    let x = lanes.sub(lanes.mul(s, lanes.floats(size)), lanes.floats(0.5));
+    let left = lanes.floor(x);
+    let within = lanes.less_equal(lanes.floats(0.0), left)
+        & lanes.less_equal(left, lanes.floats(size - 2.0));
+    (left, lanes.sub(x, left), within)
+}
+
+#[inline(always)]
+fn blend<L: Lanes>(lanes: L, [a, b]: [L::Floats; 2], f: L::Floats) -> L::Floats {
+    lanes.add(a, lanes.mul(lanes.sub(b, a), f))
 }
 
 /// Sixteen look-ups at once, as [`Texels::eval`] does each.
 #[inline(always)]
 fn look_up<L: Lanes>(lanes: L, texels: &Texels<'_>, s: L::Floats, t: L::Floats) -> L::Floats {
-    let at = |axis: usize, s: L::Floats| {
-        let size = texels.size[axis] as f32;
-        let folded = folded(lanes, texels, axis, s);
-        let x = lanes.sub(lanes.mul(folded, lanes.floats(size)), lanes.floats(0.5));
-        let left = lanes.floor(x);
-        let within = lanes.less_equal(lanes.floats(0.0), left)
-            & lanes.less_equal(left, lanes.floats(size - 2.0));
-        (left, lanes.sub(x, left), within)
-    };
-    let (x, fx, x_within) = at(0, s);
-    let (y, fy, y_within) = at(1, t);
+    let (x, fx, x_within) = along(lanes, texels, 0, s);
+    let (y, fy, y_within) = along(lanes, texels, 1, t);
     let four = if x_within & y_within == 0xffff {
         inner(lanes, texels, lanes.to_ints(x), lanes.to_ints(y))
     } else {
         None
     };
-    let four = four.unwrap_or_else(|| by_one(lanes, texels, x, y));
-    let blend = |a, b, f| lanes.add(a, lanes.mul(lanes.sub(b, a), f));
-    let [low, high] = four.map(|[a, b]| blend(a, b, fx));
-    blend(low, high, fy)
+    let [low, high] = match four {
+        Some(four) => four,
+        None => by_one(lanes, texels, x, y),
+    };
+    blend(lanes, [blend(lanes, low, fx), blend(lanes, high, fx)], fy)
 }
 
 /// The four texels around places that are not at a border; none if more bytes than there are would be read.
@@ -195,44 +206,67 @@ fn inner<L: Lanes>(
     let at = lanes.add_ints(lowest, lanes.mul_ints(x, lanes.ints(stride as i32)));
     let at = lanes.add_ints(at, lanes.mul_ints(y, lanes.ints(-(row as i32))));
     let above = lanes.add_ints(at, lanes.ints(-(row as i32)));
-    let right = |at| lanes.add_ints(at, lanes.ints(stride as i32));
-    let byte = |four: L::Ints| {
-        let byte = lanes.to_floats(lanes.and_ints(four, lanes.ints(255)));
-        lanes.mul(byte, lanes.floats(FROM_BYTE))
-    };
+    let (here, there) = (lanes.gather(bytes, at)?, lanes.gather(bytes, above)?);
+    // Both texels of a row in four bytes, if they are.
     Some(match (kind, stride) {
-        // Both texels of a row in four bytes.
-        (TexelKind::Half, 2) => {
-            [lanes.gather(bytes, at)?, lanes.gather(bytes, above)?].map(|two| {
-                [
-                    lanes.of_halves(two),
-                    lanes.of_halves(lanes.shift_right_unsigned::<16>(two)),
-                ]
-            })
-        }
-        (TexelKind::Byte, 1) => [lanes.gather(bytes, at)?, lanes.gather(bytes, above)?]
-            .map(|two| [byte(two), byte(lanes.shift_right_unsigned::<8>(two))]),
-        (TexelKind::Byte, 3) => [lanes.gather(bytes, at)?, lanes.gather(bytes, above)?]
-            .map(|two| [byte(two), byte(lanes.shift_right_unsigned::<24>(two))]),
-        _ => {
-            let texel = |at: L::Ints| {
-                let four = lanes.gather(bytes, at)?;
-                Some(match kind {
-                    TexelKind::Byte => byte(four),
-                    TexelKind::Half => lanes.of_halves(four),
-                    TexelKind::Float => lanes.of_bits(four),
-                })
-            };
+        (TexelKind::Half, 2) => [
+            [lanes.of_halves(here), upper_half(lanes, here)],
+            [lanes.of_halves(there), upper_half(lanes, there)],
+        ],
+        (TexelKind::Byte, 1) => [
             [
-                [texel(at)?, texel(right(at))?],
-                [texel(above)?, texel(right(above))?],
+                byte(lanes, here),
+                byte(lanes, lanes.shift_right_unsigned::<8>(here)),
+            ],
+            [
+                byte(lanes, there),
+                byte(lanes, lanes.shift_right_unsigned::<8>(there)),
+            ],
+        ],
+        (TexelKind::Byte, 3) => [
+            [
+                byte(lanes, here),
+                byte(lanes, lanes.shift_right_unsigned::<24>(here)),
+            ],
+            [
+                byte(lanes, there),
+                byte(lanes, lanes.shift_right_unsigned::<24>(there)),
+            ],
+        ],
+        _ => {
+            let next = lanes.ints(stride as i32);
+            let right = lanes.gather(bytes, lanes.add_ints(at, next))?;
+            let above_right = lanes.gather(bytes, lanes.add_ints(above, next))?;
+            [
+                [number(lanes, kind, here), number(lanes, kind, right)],
+                [number(lanes, kind, there), number(lanes, kind, above_right)],
             ]
         }
     })
 }
 
+#[inline(always)]
+fn byte<L: Lanes>(lanes: L, four: L::Ints) -> L::Floats {
+    let byte = lanes.to_floats(lanes.and_ints(four, lanes.ints(255)));
+    lanes.mul(byte, lanes.floats(FROM_BYTE))
+}
+
+#[inline(always)]
+fn upper_half<L: Lanes>(lanes: L, two: L::Ints) -> L::Floats {
+    lanes.of_halves(lanes.shift_right_unsigned::<16>(two))
+}
+
+#[inline(always)]
+fn number<L: Lanes>(lanes: L, kind: TexelKind, four: L::Ints) -> L::Floats {
+    match kind {
+        TexelKind::Byte => byte(lanes, four),
+        TexelKind::Half => lanes.of_halves(four),
+        TexelKind::Float => lanes.of_bits(four),
+    }
+}
+
 /// The same anywhere, one after the other.
-#[inline(never)]
+#[inline(always)]
 fn by_one<L: Lanes>(
     lanes: L,
     texels: &Texels<'_>,
@@ -242,6 +276,15 @@ fn by_one<L: Lanes>(
     let (mut xs, mut ys) = ([0.0; LANES], [0.0; LANES]);
     lanes.store(x, &mut xs);
     lanes.store(y, &mut ys);
+    let [[a, b], [c, d]] = each(texels, &xs, &ys);
+    [
+        [lanes.load(&a), lanes.load(&b)],
+        [lanes.load(&c), lanes.load(&d)],
+    ]
+}
+
+#[inline(never)]
+fn each(texels: &Texels<'_>, xs: &[f32; LANES], ys: &[f32; LANES]) -> [[[f32; LANES]; 2]; 2] {
     let mut four = [[[0.0; LANES]; 2]; 2];
     for i in 0..LANES {
         let values = texels.four(xs[i] as i64, ys[i] as i64);
@@ -249,7 +292,7 @@ fn by_one<L: Lanes>(
             four[i] = *value;
         }
     }
-    four.map(|row| row.map(|values| lanes.load(&values)))
+    four
 }
 
 impl Block<'_> {

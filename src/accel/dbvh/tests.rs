@@ -180,7 +180,7 @@ fn every_instruction_set_hits_what_single_triangles_do() {
                     }
                 }
                 assert!(
-                    hits > 1 && differing < 2,
+                    hits > 0 && differing < 2,
                     "{shape} {kind}: {differing} of {hits}"
                 );
             }

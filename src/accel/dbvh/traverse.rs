@@ -182,7 +182,11 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             let kept = lanes.floats(rounding + 2.0 * self.face.slack);
             slack = lanes.select(border, kept, slack);
         }
-        let [rx, ry, rz] = [rx, ry, rz].map(|r| lanes.add(r, slack));
+        let (rx, ry, rz) = (
+            lanes.add(rx, slack),
+            lanes.add(ry, slack),
+            lanes.add(rz, slack),
+        );
         let inverse = self.ray.inverse[self.ray.k[2]];
         let t = lanes.mul(cz, lanes.floats(inverse));
         let half = lanes.mul(rz, lanes.floats(inverse.abs()));
@@ -262,41 +266,96 @@ pub(super) fn shadows<L: Lanes>(
     quad: &Quad,
     [middle, half]: [L::Floats; 2],
 ) -> [L::Floats; 6] {
-    let fan = span.fan();
-    let [(u, ru), (v, rv)] = [(0, &COLUMN), (1, &ROW)].map(|(k, number)| {
-        let number = lanes.load_ints(number);
-        let scale = lanes.ints((span.cells[k] * 65536_usize.div_ceil(fan[k])) as i32);
-        let cut = |number| lanes.to_floats(lanes.shift_right::<16>(lanes.mul_ints(number, scale)));
-        let (from, to) = (cut(number), cut(lanes.add_ints(number, lanes.ints(1))));
-        let share = face.share[k];
-        let at = lanes.mul(lanes.add(from, to), lanes.floats(0.5 * share));
-        (
-            lanes.add(at, lanes.floats(span.first[k] as f32 * share)),
-            lanes.mul(lanes.sub(to, from), lanes.floats(0.5 * share)),
-        )
-    });
-    let ruv = lanes.mul(ru, rv);
+    let at = Middles::new(lanes, face, span);
     let mut out = [lanes.floats(0.0); 6];
-    // Value, slopes and twist.
-    let of = |[a, b, c, d]: [f32; 4]| {
-        let twist = lanes.floats((d - c) - (b - a));
-        let du = lanes.add(lanes.floats(b - a), lanes.mul(twist, v));
-        let dv = lanes.add(lanes.floats(c - a), lanes.mul(twist, u));
-        let along = lanes.mul(lanes.floats(b - a), u);
-        let value = lanes.add(lanes.add(lanes.floats(a), along), lanes.mul(dv, v));
-        [value, du, dv, twist]
-    };
     for k in 0..3 {
-        let (p, n) = (of(quad.p[k]), of(quad.n[k]));
-        let g: [L::Floats; 4] = std::array::from_fn(|i| lanes.add(p[i], lanes.mul(middle, n[i])));
-        let reach = |[_, du, dv, twist]: [L::Floats; 4]| {
-            let a = lanes.mul(lanes.abs(du), ru);
-            let b = lanes.mul(lanes.abs(dv), rv);
-            lanes.add(lanes.add(a, b), lanes.mul(lanes.abs(twist), ruv))
+        let p = Slopes::new(lanes, &at, &quad.p[k]);
+        let n = Slopes::new(lanes, &at, &quad.n[k]);
+        let thick = lanes.add(lanes.abs(n.value), n.reach(lanes, &at));
+        let g = Slopes {
+            value: lanes.add(p.value, lanes.mul(middle, n.value)),
+            du: lanes.add(p.du, lanes.mul(middle, n.du)),
+            dv: lanes.add(p.dv, lanes.mul(middle, n.dv)),
+            twist: lanes.add(p.twist, lanes.mul(middle, n.twist)),
         };
-        let thick = lanes.mul(half, lanes.add(lanes.abs(n[0]), reach(n)));
-        out[k] = g[0];
-        out[3 + k] = lanes.add(reach(g), thick);
+        out[k] = g.value;
+        out[3 + k] = lanes.add(g.reach(lanes, &at), lanes.mul(half, thick));
     }
     out
+}
+
+/// The middles of a span's children, and half of their sizes, as parameters of the quad.
+struct Middles<L: Lanes> {
+    u: L::Floats,
+    v: L::Floats,
+    ru: L::Floats,
+    rv: L::Floats,
+    ruv: L::Floats,
+}
+
+impl<L: Lanes> Middles<L> {
+    #[inline(always)]
+    fn new(lanes: L, face: &Face, span: &Span) -> Self {
+        let (u, ru) = Self::along(lanes, face, span, 0, &COLUMN);
+        let (v, rv) = Self::along(lanes, face, span, 1, &ROW);
+        let ruv = lanes.mul(ru, rv);
+        Self { u, v, ru, rv, ruv }
+    }
+
+    #[inline(always)]
+    fn along(
+        lanes: L,
+        face: &Face,
+        span: &Span,
+        k: usize,
+        number: &[i32; LANES],
+    ) -> (L::Floats, L::Floats) {
+        let number = lanes.load_ints(number);
+        let next = lanes.add_ints(number, lanes.ints(1));
+        // As `cut`.
+        let scale = lanes.ints((span.cells[k] * 65536_usize.div_ceil(span.fan()[k])) as i32);
+        let from = lanes.shift_right::<16>(lanes.mul_ints(number, scale));
+        let to = lanes.shift_right::<16>(lanes.mul_ints(next, scale));
+        let (from, to) = (lanes.to_floats(from), lanes.to_floats(to));
+        let share = face.share[k];
+        let half = lanes.floats(0.5 * share);
+        let at = lanes.mul(lanes.add(from, to), half);
+        (
+            lanes.add(at, lanes.floats(span.first[k] as f32 * share)),
+            lanes.mul(lanes.sub(to, from), half),
+        )
+    }
+}
+
+/// A coordinate at the middles, with its slopes there.
+struct Slopes<L: Lanes> {
+    value: L::Floats,
+    du: L::Floats,
+    dv: L::Floats,
+    twist: L::Floats,
+}
+
+impl<L: Lanes> Slopes<L> {
+    #[inline(always)]
+    fn new(lanes: L, at: &Middles<L>, [a, b, c, d]: &[f32; 4]) -> Self {
+        let twist = lanes.floats((d - c) - (b - a));
+        let along = lanes.floats(b - a);
+        let dv = lanes.add(lanes.floats(c - a), lanes.mul(twist, at.u));
+        let value = lanes.add(lanes.floats(*a), lanes.mul(along, at.u));
+        Self {
+            value: lanes.add(value, lanes.mul(dv, at.v)),
+            du: lanes.add(along, lanes.mul(twist, at.v)),
+            dv,
+            twist,
+        }
+    }
+
+    /// How far it goes from the middle within a child.
+    #[inline(always)]
+    fn reach(&self, lanes: L, at: &Middles<L>) -> L::Floats {
+        let along_u = lanes.mul(lanes.abs(self.du), at.ru);
+        let along_v = lanes.mul(lanes.abs(self.dv), at.rv);
+        let both = lanes.mul(lanes.abs(self.twist), at.ruv);
+        lanes.add(lanes.add(along_u, along_v), both)
+    }
 }
