@@ -209,6 +209,7 @@ fn deep_and_fine_detail_is_as_bright_by_every_method() {
         Method::Compact,
         Method::Compressed,
         Method::Nonlinear,
+        Method::Dbvh,
     ] {
         let bias = brightness(method) / reference - Vec3::ONE;
         println!("{}: off by {bias}", method.name());

@@ -3,9 +3,11 @@
 mod boxes;
 mod compact;
 mod compressed;
+mod dbvh;
 mod lattice;
 mod moment;
 mod nonlinear;
+mod quads;
 mod simd;
 mod tessellated;
 #[cfg(test)]
@@ -19,6 +21,7 @@ use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
 pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
 pub use compressed::Compressed;
+pub use dbvh::{Dbvh, DbvhOptions};
 pub use nonlinear::Nonlinear;
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;

@@ -81,6 +81,12 @@ impl Surface {
         &*self.base
     }
 
+    /// The same limit surface without displacement.
+    #[must_use]
+    pub fn undisplaced(&self) -> Self {
+        Self::new(self.base.clone(), Displacement::None)
+    }
+
     /// Whether it has no border: two faces at each edge, no holes and nothing trimmed away.
     pub fn is_closed(&self) -> bool {
         let two = |edge| self.adjacency.edge(edge).len() == 2;

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use crate::accel::{
-    Accuracy, Compact, CompactOptions, Compressed, Intersector, Keep, MaxError, Nonlinear,
-    Tessellated, Trimmed,
+    Accuracy, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions, Intersector, Keep, MaxError,
+    Nonlinear, Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -31,6 +31,8 @@ pub enum Method {
     Compact,
     /// Thin slabs around a few of our micro-triangles each, in trees without pointers.
     Compressed,
+    /// Micro-triangles that are computed where rays pass, of a surface as few quads and an image.
+    Dbvh,
     /// Heights over prisms, traced by bent rays.
     Nonlinear,
 }
@@ -82,7 +84,7 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
@@ -90,6 +92,7 @@ impl Method {
         Self::Tessellated,
         Self::Compact,
         Self::Compressed,
+        Self::Dbvh,
         Self::Nonlinear,
     ];
 
@@ -103,6 +106,7 @@ impl Method {
             Self::Tessellated => "tessellated",
             Self::Compact => "compact",
             Self::Compressed => "compressed",
+            Self::Dbvh => "dbvh",
             Self::Nonlinear => "nonlinear",
         }
     }
@@ -121,6 +125,7 @@ impl Method {
             Self::Compressed => {
                 "thin slabs around a few micro-triangles each, at about half a byte for one"
             }
+            Self::Dbvh => "micro-triangles computed where rays pass: nothing is diced or kept",
             Self::Nonlinear => "heights over prisms, traced by bent rays: no micro-triangles",
         }
     }
@@ -135,6 +140,7 @@ impl Method {
             Self::Tessellated => 50,
             Self::Compact => 3,
             Self::Compressed => 2,
+            Self::Dbvh => 2,
             Self::Nonlinear => 5,
         }
     }
@@ -229,6 +235,10 @@ impl Method {
                 thick = Some(tree.achieved());
                 let (geometry, _, bytes) = of_hit(tree, surface, device)?;
                 (geometry, HitPlaces::NearHit, bytes)
+            }
+            Self::Dbvh => {
+                let tree = Dbvh::build(surface, rates, &DbvhOptions::default(), how.go_on)?;
+                of_hit(tree, surface, device)?
             }
             Self::Nonlinear => {
                 let tree = Nonlinear::build(surface, rates, how.go_on)?;

@@ -25,6 +25,9 @@ pub(super) const WIDEST: u32 = 25;
 /// The widest field that [`Lanes::narrow_fields`] takes apart, in bits.
 pub(super) const NARROW: u32 = 8;
 
+/// Two to the power of 112: what the bits of half a float, shifted into a float's place, are multiplied by.
+const FROM_HALF: f32 = f32::from_bits(239 << 23);
+
 /// Bytes that must follow the last field.
 pub(super) const FIELD_PADDING: usize = 16;
 
@@ -76,6 +79,28 @@ pub(super) trait Lanes: Copy {
     fn shift_right<const BY: u32>(self, a: Self::Ints) -> Self::Ints;
     /// Exact below 2^24.
     fn to_floats(self, a: Self::Ints) -> Self::Floats;
+
+    /// The size of a number.
+    fn abs(self, a: Self::Floats) -> Self::Floats;
+    /// The greatest whole number that is not above it.
+    fn floor(self, a: Self::Floats) -> Self::Floats;
+    /// Whole numbers below 2^31 as integers.
+    fn to_ints(self, a: Self::Floats) -> Self::Ints;
+    /// From `a` where the lane's bit is set, else from `b`.
+    fn select(self, bits: u32, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    /// What these bits are as numbers.
+    fn of_bits(self, a: Self::Ints) -> Self::Floats;
+    /// The numbers whose halves are in the lower 16 bits. Infinities and what is no number are not told from large ones.
+    fn of_halves(self, a: Self::Ints) -> Self::Floats;
+    /// Zeros come in from above.
+    fn shift_right_unsigned<const BY: u32>(self, a: Self::Ints) -> Self::Ints;
+    /// Four bytes from each offset on, which is not below 0; none if they are not all there.
+    fn gather(self, bytes: &[u8], at: Self::Ints) -> Option<Self::Ints>;
+    /// The one in the eight lower lanes, the other in the upper ones.
+    fn two(self, low: f32, high: f32) -> Self::Floats;
+    /// Two rows of what `a` has for eight rows on one side in its lower half, and on the other side in its upper half:
+    /// lanes `2 pair` and `2 pair + 1` of each half, all over the lower and the upper lanes.
+    fn two_rows(self, a: Self::Floats, pair: usize) -> [Self::Floats; 2];
 
     /// Bytes as numbers.
     fn bytes(self, bytes: &[u8; LANES]) -> Self::Floats;

@@ -10,6 +10,7 @@ struct All<'a> {
     bytes: &'a [u8],
     rows: [usize; 2],
     width: u32,
+    halves: [i32; LANES],
 }
 
 impl Body for All<'_> {
@@ -49,8 +50,27 @@ impl Body for All<'_> {
                 self.width % (NARROW + 1),
             )),
         ];
+        let halves = lanes.load_ints(&self.halves);
+        let [one, other] = lanes.two_rows(a, self.rows[0] % 4);
+        let small =
+            lanes.to_floats(lanes.to_ints(lanes.mul(lanes.bytes(bytes), lanes.floats(1.7))));
+        let at = lanes.and_ints(fields, lanes.ints(63));
+        let gathered = lanes.gather(self.bytes, at).expect("they are all there");
+        assert!(lanes.gather(&self.bytes[..3], at).is_none());
+        let more = [
+            lanes.abs(a),
+            lanes.floor(a),
+            small,
+            lanes.select(self.width * 4099, a, b),
+            lanes.of_bits(lanes.and_ints(gathered, lanes.ints(0x3fff_ffff))),
+            lanes.of_halves(halves),
+            lanes.to_floats(lanes.shift_right_unsigned::<9>(ints)),
+            lanes.two(self.a[1], self.b[2]),
+            one,
+            other,
+        ];
         let mut out = vec![lanes.less(a, b), lanes.less_equal(a, b)];
-        for values in floats {
+        for values in floats.into_iter().chain(more) {
             let mut stored = [0.0; LANES];
             lanes.store(values, &mut stored);
             out.extend(stored.map(f32::to_bits));
@@ -83,6 +103,11 @@ fn all_sets_agree_to_the_bit() {
             bytes: &bytes,
             rows: [round as usize % 31, 40 + round as usize % 17],
             width,
+            halves: std::array::from_fn(|i| {
+                let half = i32::from(bytes[i]) << 8 | i32::from(bytes[i + 50]);
+                // All but infinities.
+                half & !0x0400
+            }),
         };
         let not_numbers = |bits: Vec<u32>| -> Vec<u32> {
             // Which one of several it is, IEEE 754 leaves open.
