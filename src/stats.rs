@@ -38,6 +38,8 @@ pub struct Stats {
     pub bytes: Bytes,
     /// How far the method moved micro-vertices, or how thick its slabs are, if it did or has any.
     pub achieved_error: Option<AchievedError>,
+    /// What the cache was asked for, if surfaces were diced while rays were traced.
+    pub cache: Option<CacheUse>,
     /// Counts of what the scene holds.
     pub scene_counts: SceneCounts,
     /// Samples that were not finite and were left out of the picture.
@@ -137,6 +139,19 @@ pub struct Bytes {
     pub textures: usize,
     /// The picture while it is rendered.
     pub film: usize,
+}
+
+/// What a tessellation cache was asked for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub struct CacheUse {
+    /// Its size.
+    pub bytes: usize,
+    /// Visits to patches that were there.
+    pub hits: u64,
+    /// Visits to patches that had to be diced.
+    pub diced: u64,
+    /// Those of them that found room in the cache.
+    pub kept: u64,
 }
 
 /// Counts of what the scene holds.

@@ -8,7 +8,7 @@ use relievo::math::Vec3;
 use relievo::render::camera;
 use relievo::scene::{self, LoadOptions};
 use relievo::trace::{Device, DeviceOptions};
-use relievo::world::{BuildOptions, Method, World};
+use relievo::world::{BuildOptions, CacheSize, Method, World};
 
 /// A house of quads and pentagons with a semi-sharp eave, displaced, twice; a ball of triangles by Loop's scheme,
 /// displaced; a cube with creases by Chaikin's rule, which moves while the shutter is open; a die whose points move; a
@@ -176,6 +176,45 @@ fn every_method_shows_the_same_picture() {
     }
 }
 
+/// Neither the size of the cache nor threads nor what is diced when make a difference of a bit.
+#[test]
+fn a_cache_of_any_size_shows_the_same_bytes() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_scene(folder.path(), "scene.usda", SCENE);
+    let render = |size: usize, threads: usize| {
+        let picture = folder.path().join(format!("{size}-{threads}.exr"));
+        let mut options = options(&scene, &picture);
+        options.resolution = Some([64, 64]);
+        options.spp = 8;
+        options.threads = threads;
+        options.build.method = Method::Cache;
+        options.build.cache_size = CacheSize(size);
+        options.build.dicing.rate = 0.5;
+        let used = run(&options).cache.expect("it has a cache");
+        println!("{size} bytes, {threads} threads: {used:?}");
+        (std::fs::read(&picture).expect("a picture"), used)
+    };
+    let (reference, large) = render(64 << 20, 1);
+    assert_eq!(large.diced, large.kept, "all of it fits");
+    for (size, threads) in [
+        (64 << 20, 3),
+        (96 << 10, 1),
+        (96 << 10, 2),
+        (96 << 10, 16),
+        (1, 2),
+    ] {
+        let (picture, used) = render(size, threads);
+        assert!(used.diced > large.diced, "{size}: {used:?}");
+        assert!(used.bytes <= size.max(1024));
+        let (_, _, a) = read(&folder.path().join(format!("{}-1.exr", 64 << 20)));
+        let (_, _, b) = read(&folder.path().join(format!("{size}-{threads}.exr")));
+        let bits = |p: &Vec3| p.to_array().map(f32::to_bits);
+        let differing = a.iter().zip(&b).filter(|(a, b)| bits(a) != bits(b)).count();
+        assert_eq!(differing, 0, "{size} bytes, {threads} threads");
+        assert_eq!(picture.len(), reference.len());
+    }
+}
+
 /// Scales of the tortoise's shell, about as fine as pixels: whatever a method makes of them, it must not get in the way of
 /// the light.
 #[test]
@@ -210,6 +249,7 @@ fn deep_and_fine_detail_is_as_bright_by_every_method() {
         Method::Compressed,
         Method::Nonlinear,
         Method::Dbvh,
+        Method::Cache,
     ] {
         let bias = brightness(method) / reference - Vec3::ONE;
         println!("{}: off by {bias}", method.name());

@@ -87,6 +87,12 @@ impl Lattice {
         ])
     }
 
+    /// The nearest point of the lattice that is not beyond [`REACH`].
+    pub(super) fn nearest_within(&self, p: Vec3) -> [i32; 3] {
+        let most = f64::from(REACH - 1);
+        (self.on_lattice(p).round().to_array()).map(|x| x.clamp(-most, most) as i32)
+    }
+
     /// Where a point of the lattice is in the object's space.
     pub(super) fn position(&self, p: [i32; 3]) -> DVec3 {
         let [x, y, z] = p.map(f64::from);

@@ -1,6 +1,7 @@
 //! Ways to meet rays with a surface. This layer does not know that Embree exists.
 
 mod boxes;
+mod cache;
 mod compact;
 mod compressed;
 mod dbvh;
@@ -19,10 +20,12 @@ mod waiting;
 
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
+pub use cache::{CacheSize, Cached, cache_use};
 pub use compact::{Accuracy, Compact, CompactOptions, Keep, MaxError};
 pub use compressed::Compressed;
 pub use dbvh::{Dbvh, DbvhOptions};
 pub use nonlinear::Nonlinear;
+pub use segments::Cache;
 pub use tessellated::Tessellated;
 pub use trimmed::Trimmed;
 

@@ -42,6 +42,10 @@ impl Waiting {
         f32::from_bits((self.0 >> 32) as u32)
     }
     #[inline(always)]
+    fn is_part(self) -> bool {
+        self.0 as u32 & (Self::PATCH | Self::NODE) == 0
+    }
+    #[inline(always)]
     pub(super) fn place(self) -> Place {
         let place = self.0 as u32;
         if place & Self::PATCH != 0 {
@@ -89,6 +93,20 @@ impl Stack {
             self.0[at] = farther;
         }
         Some(nearest)
+    }
+
+    /// The same of parts alone, which lie above everything else.
+    #[inline(always)]
+    pub(super) fn next_part(&mut self, t_max: f32) -> Option<Waiting> {
+        while let Some(&waiting) = self.0.last()
+            && waiting.is_part()
+        {
+            self.0.pop();
+            if waiting.near() <= t_max {
+                return Some(waiting);
+            }
+        }
+        None
     }
 
     /// The nearest of those that begin by `t_max`; what begins later is dropped.

@@ -6,7 +6,7 @@ use clap::Args;
 use relievo::integrate::PathOptions;
 use relievo::render::{Output, RenderOptions, build};
 use relievo::shade::filter::{Filter, FilterKind};
-use relievo::world::{BuildOptions, Method};
+use relievo::world::{BuildOptions, CacheSize, Method};
 use relievo::{Error, Result};
 
 use super::machine::{Machine, interrupt};
@@ -65,6 +65,7 @@ impl Build {
                 method: self.method.0,
                 dicing: self.staging.dicing(),
                 max_error: self.staging.max_error.unwrap_or_default(),
+                cache_size: CacheSize::default(),
                 clay: None,
                 missing_textures: self.staging.missing_textures(),
                 ptex_filter: None,

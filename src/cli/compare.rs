@@ -9,7 +9,7 @@ use relievo::scene::{self, Description, LoadOptions};
 use relievo::world::{AchievedError, MaxError, Method};
 use relievo::{Error, Result};
 
-use super::method::{MethodArgument, max_error};
+use super::method::{CacheArgument, MethodArgument, max_error};
 
 #[derive(Debug, Args)]
 pub(super) struct Compare {
@@ -22,10 +22,12 @@ pub(super) struct Compare {
     /// Dice all edges alike, so that about this many micro-triangles result.
     #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
     micro_triangles: u64,
-    /// How far `compact` may move micro-vertices: 0.25px is a quarter of a pixel at the closest view (with
+    /// How far `compact` and `cache` may move micro-vertices: 0.25px is a quarter of a pixel at the closest view (with
     /// --dicing-rate), 1e-5 that part of the object's diagonal [default: 3.6e-5, and with --dicing-rate at most 0.25px]
     #[arg(long, value_name = "ERROR", value_parser = max_error)]
     max_error: Option<MaxError>,
+    #[command(flatten)]
+    cache: CacheArgument,
 }
 
 impl Compare {
@@ -67,6 +69,7 @@ impl Compare {
                 None => Fineness::MicroTriangles(self.micro_triangles),
             },
             max_error: self.max_error.unwrap_or_default(),
+            cache_size: self.cache.size(),
             rays,
         }
     }

@@ -79,7 +79,7 @@ pub(super) fn interrupt() -> Result<Arc<AtomicBool>> {
     Ok(interrupt)
 }
 
-fn bytes(text: &str) -> std::result::Result<usize, String> {
+pub(super) fn bytes(text: &str) -> std::result::Result<usize, String> {
     let digits = text.trim_end_matches(|c: char| c.is_ascii_alphabetic());
     let unit: u64 = match text[digits.len()..]
         .to_ascii_uppercase()

@@ -1,8 +1,10 @@
 //! Ways of tracing by their names, and how far they may move what they trace.
 
-use clap::ValueEnum;
 use clap::builder::PossibleValue;
-use relievo::world::{MaxError, Method};
+use clap::{Args, ValueEnum};
+use relievo::world::{CacheSize, MaxError, Method};
+
+use super::machine::bytes;
 
 /// A method by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -24,6 +26,20 @@ impl ValueEnum for MethodArgument {
 
     fn to_possible_value(&self) -> Option<PossibleValue> {
         Some(PossibleValue::new(self.0.name()).help(self.0.about()))
+    }
+}
+
+/// The size of the cache.
+#[derive(Debug, Clone, Copy, Args)]
+pub(super) struct CacheArgument {
+    /// Memory for what `cache` dices, for all surfaces together: 60M, 1G [default: 128M]
+    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
+    cache_size: Option<usize>,
+}
+
+impl CacheArgument {
+    pub(super) fn size(self) -> CacheSize {
+        self.cache_size.map_or_else(CacheSize::default, CacheSize)
     }
 }
 

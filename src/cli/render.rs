@@ -14,7 +14,7 @@ use relievo::world::{BuildOptions, Method};
 use relievo::{Error, Result};
 
 use super::machine::{Machine, interrupt};
-use super::method::MethodArgument;
+use super::method::{CacheArgument, MethodArgument};
 use super::staging::Staging;
 
 /// Render a scene to a picture.
@@ -53,6 +53,8 @@ pub(crate) struct Render {
     /// How surfaces are traced [default: embree-grid, or as they were built]
     #[arg(long, value_enum, help_heading = "Quality")]
     method: Option<MethodArgument>,
+    #[command(flatten)]
+    cache: CacheArgument,
     /// Chooses the random numbers: another seed, another noise.
     #[arg(long, default_value_t = 0, help_heading = "Quality")]
     seed: u32,
@@ -222,6 +224,7 @@ impl Render {
                 method,
                 dicing: staging.dicing(),
                 max_error: staging.max_error.unwrap_or_default(),
+                cache_size: self.cache.size(),
                 clay: self.clay,
                 missing_textures: staging.missing_textures(),
                 ptex_filter: self.ptex_filter,

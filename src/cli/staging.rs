@@ -46,7 +46,7 @@ pub(super) struct Staging {
         help_heading = "Quality"
     )]
     max_segments: Option<u32>,
-    /// How far `compact` may move micro-vertices: 0.25px is a quarter of a pixel at the object's closest view, 1e-5 that
+    /// How far `compact` and `cache` may move micro-vertices: 0.25px is a quarter of a pixel at the object's closest view, 1e-5 that
     /// part of its diagonal [default: 3.6e-5, and at most 0.25px]
     #[arg(long, value_name = "ERROR", value_parser = max_error, help_heading = "Quality")]
     pub(super) max_error: Option<MaxError>,

@@ -11,6 +11,7 @@
 //! to that shows in the distances to `embree-triangles`, diced alike.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -25,7 +26,7 @@ use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::trace::{Device, DeviceOptions, Scene};
-use crate::world::{AchievedError, Method, objects};
+use crate::world::{AchievedError, Cache, CacheSize, CacheUse, Method, cache_use, objects};
 
 /// Times that everything is measured.
 const REPEATS: usize = 5;
@@ -110,6 +111,9 @@ pub struct BenchRow {
     pub build_seconds: f64,
     /// How far the method moved micro-vertices, or how thick its slabs are, if it did or has any.
     pub achieved_error: Option<AchievedError>,
+    /// What the cache was asked for, by the method that has one, in all repetitions.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub cache: Option<CacheUse>,
     /// Millions of rays a second.
     pub mrays: BySpeed,
     /// That over the same of `embree-triangles`.
@@ -135,6 +139,7 @@ struct Entry {
     /// All together.
     scene: Scene,
     bytes: u64,
+    cache: Option<Arc<Cache>>,
     error: Option<AchievedError>,
     builds: Vec<f64>,
     /// What rays to the reference and to triangles diced alike found.
@@ -215,7 +220,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
             if round > 0 && !entries.iter().any(|e| e.method == method) {
                 continue;
             }
-            match build(method, &prepared) {
+            match build(method, &prepared, options.cache_size) {
                 Ok(entry) => match entries.iter_mut().find(|e| e.method == method) {
                     Some(earlier) => earlier.builds.extend(entry.builds),
                     None => entries.push(entry),
@@ -290,6 +295,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
                 bytes_per_micro_triangle: entry.bytes as f64 / micro_triangles.max(1) as f64,
                 build_seconds: median(&entry.builds),
                 achieved_error: entry.error,
+                cache: entry.cache.as_deref().map(cache_use),
                 mrays,
                 ratio,
                 rms_distance: entry.found.map(|[fine, _]| fine.rms()),
@@ -320,13 +326,14 @@ fn picture_of(pixels: u64, [width, height]: [u32; 2]) -> [u32; 2] {
 }
 
 /// Builds all surfaces and their scene, and measures bytes and seconds.
-fn build(method: Method, prepared: &[Prepared]) -> Result<Entry> {
+fn build(method: Method, prepared: &[Prepared], cache_size: CacheSize) -> Result<Entry> {
     let device = Device::new(&DeviceOptions::default())?;
     let before = device.memory();
+    let cache = method.cache(cache_size);
     let start = Instant::now();
     let traced = prepared
         .iter()
-        .map(|p| p.build(method, &p.rates, &device))
+        .map(|p| p.build(method, &p.rates, &device, &cache))
         .collect::<Result<Vec<_>>>()?;
     let places: Vec<&[Affine3A]> = prepared
         .iter()
@@ -335,13 +342,16 @@ fn build(method: Method, prepared: &[Prepared]) -> Result<Entry> {
     let scene = together(method, &traced, &places, &device)?;
     let seconds = start.elapsed().as_secs_f64();
     let own: usize = traced.iter().map(|t| t.bytes).sum();
-    let bytes = own + device.memory().saturating_sub(before);
+    let cache = (method == Method::Cache).then_some(cache);
+    let cached = cache.as_ref().map_or(0, |cache| cache.bytes());
+    let bytes = own + cached + device.memory().saturating_sub(before);
     Ok(Entry {
         method,
         error: AchievedError::of_all(traced.iter().map(|t| t.error)),
         traced,
         scene,
         bytes: bytes as u64,
+        cache,
         builds: vec![seconds],
         found: None,
         speeds: BTreeMap::new(),
@@ -371,7 +381,8 @@ fn measure_distances(
     let each = rays.div_ceil(prepared.len().max(1) as u64);
     for (i, prepared) in prepared.iter().enumerate() {
         let device = Device::new(&DeviceOptions::default())?;
-        let fine = prepared.build(Method::EmbreeGrid, &prepared.finer(finer), &device)?;
+        let none = Method::EmbreeGrid.cache(CacheSize::default());
+        let fine = prepared.build(Method::EmbreeGrid, &prepared.finer(finer), &device, &none)?;
         for e in 0..entries.len() {
             let traced = &entries[e].traced[i];
             let found = [&fine, &entries[twin].traced[i]]

@@ -11,7 +11,7 @@ pub use bench::{Bench, BenchOptions, BenchRow, BySpeed, Machine, Reference, benc
 pub use report::{Measured, check_report, report_json, write_report};
 pub use verify::{Verified, VerifyRow, verify};
 
-use crate::world::{MaxError, Method};
+use crate::world::{CacheSize, MaxError, Method};
 
 /// How finely surfaces are diced.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,6 +31,8 @@ pub struct CompareOptions {
     pub fineness: Fineness,
     /// The farthest that a method which compresses may move a micro-vertex.
     pub max_error: MaxError,
+    /// Bytes of the cache, for the method that has one.
+    pub cache_size: CacheSize,
     /// Rays: for each mesh to verify, for the whole scene to measure speed.
     pub rays: u64,
 }

@@ -8,7 +8,7 @@ use crate::math::{Affine3A, Ray, Vec2, Vec3};
 use crate::shade::camera::Camera;
 use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
 use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv};
-use crate::world::{AchievedError, HitPlaces, How, MaxError, Method, Object, of_embree};
+use crate::world::{AchievedError, Cache, HitPlaces, How, MaxError, Method, Object, of_embree};
 
 /// An object of the scene at the fineness asked for.
 pub(super) struct Prepared {
@@ -63,7 +63,13 @@ impl Prepared {
     }
 
     /// Builds a method's scene of this mesh alone.
-    pub(super) fn build(&self, method: Method, rates: &Rates, device: &Device) -> Result<Traced> {
+    pub(super) fn build(
+        &self,
+        method: Method,
+        rates: &Rates,
+        device: &Device,
+        cache: &Arc<Cache>,
+    ) -> Result<Traced> {
         let object = &self.object;
         let (geometry, numbering, mut bytes, error) = if method == Method::EmbreeSubdivision {
             let (geometry, base) = object.embree_subdivision(rates, device)?;
@@ -71,6 +77,7 @@ impl Prepared {
         } else {
             let how = How {
                 max_error: self.max_error,
+                cache,
                 go_on: &|_| true,
                 keep: None,
             };
@@ -204,7 +211,7 @@ mod tests {
     use crate::error::Warnings;
     use crate::scene::{LoadOptions, obj};
     use crate::trace::DeviceOptions;
-    use crate::world;
+    use crate::world::{self, CacheSize};
 
     const CUBE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\n\
                         f 1 4 3 2\nf 1 2 6 5\nf 3 4 8 7\n";
@@ -228,8 +235,9 @@ mod tests {
             })
             .expect("rates")
             .remove(0);
+            let cache = |method: Method| method.cache(CacheSize::default());
             let all = Method::ALL.map(|method| {
-                let traced = prepared.build(method, &prepared.rates, &device);
+                let traced = prepared.build(method, &prepared.rates, &device, &cache(method));
                 traced.expect("Embree takes it")
             });
             let mut random = Random::new(1);

@@ -21,7 +21,7 @@ use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{AchievedError, Method, objects};
+use crate::world::{AchievedError, CacheSize, Method, objects};
 
 /// How many times as fine references are, along an edge.
 const FINER: u32 = 4;
@@ -112,14 +112,16 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     let mut found: Vec<(Method, &'static str, Found)> = Vec::new();
     for prepared in &prepared {
         let device = Device::new(&DeviceOptions::default())?;
+        let none = Method::EmbreeTriangles.cache(options.cache_size);
         let fine = prepared.finer(FINER);
         let embree = supported(prepared, &fine, &device, &mut warnings)?;
-        let triangles = prepared.build(Method::EmbreeTriangles, &fine, &device)?;
+        let triangles = prepared.build(Method::EmbreeTriangles, &fine, &device, &none)?;
         for &method in &options.methods {
             if method == Method::EmbreeSubdivision && embree.is_none() {
                 continue;
             }
-            let traced = prepared.build(method, &prepared.rates, &device)?;
+            let cache = method.cache(options.cache_size);
+            let traced = prepared.build(method, &prepared.rates, &device, &cache)?;
             let leaks = if prepared.object.surface.is_closed() {
                 leaks(prepared, &traced, options.rays)
             } else {
@@ -173,7 +175,8 @@ fn supported(
     device: &Device,
     warnings: &mut Warnings,
 ) -> Result<Option<Traced>> {
-    match prepared.build(Method::EmbreeSubdivision, rates, device) {
+    let none = Method::EmbreeSubdivision.cache(CacheSize::default());
+    match prepared.build(Method::EmbreeSubdivision, rates, device, &none) {
         Ok(traced) => Ok(Some(traced)),
         Err(Error::Input(fault)) => {
             warnings.add("not in Embree", || {

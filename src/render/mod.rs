@@ -29,7 +29,7 @@ use crate::shade::sampler::Sampler;
 use crate::stats::{Bytes, Rays, SceneCounts, Stage, Stats};
 use crate::store::Store;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{BuildOptions, Built, World};
+use crate::world::{BuildOptions, Built, World, cache_use};
 
 /// Everything that a render can be told. `None` leaves it to the scene, then to the default.
 #[derive(Debug, Clone)]
@@ -116,7 +116,7 @@ pub fn render(
             None => World::build(&description, &camera, &device, build, go_on),
         }
     })?;
-    let world = built.world;
+    let (world, cache) = (built.world, built.cache);
     stats.achieved_error = built.error;
     stats.bytes = Bytes {
         control_meshes: description.shapes.iter().map(|s| s.geometry.memory()).sum(),
@@ -172,6 +172,7 @@ pub fn render(
     stats.samples_per_pixel = film.samples();
     stats.threads = pool.current_num_threads();
     stats.rays = counters.rays();
+    stats.cache = cache.as_deref().map(cache_use);
     stats.non_finite_samples = counters.non_finite.load(Ordering::Relaxed);
     let (rays, seconds) = (stats.rays.total() as f64, stats.seconds("render"));
     stats.mrays_per_second = rays / 1e6 / seconds.max(1e-9);

@@ -391,10 +391,32 @@ impl Surface {
         scratch: &mut Scratch,
         out: &mut [Vec3],
     ) {
+        let columns = 0..=grid.size[0];
+        self.dice_part(grid, [columns, rows], key, shared, scratch, out);
+    }
+
+    /// Dices some columns and rows of a face's vertices, to the same bits as [`dice_face`](Self::dice_face). What
+    /// `shared` does not hold is evaluated.
+    ///
+    /// # Panics
+    /// If the grid has not these columns and rows, or `out` has not as many vertices as they.
+    pub fn dice_part(
+        &self,
+        grid: &FaceGrid,
+        [columns, rows]: [RangeInclusive<u16>; 2],
+        key: u32,
+        shared: &SharedSamples,
+        scratch: &mut Scratch,
+        out: &mut [Vec3],
+    ) {
         let [nu, nv] = grid.size;
+        let (left, right) = (*columns.start(), *columns.end());
         let (first, last) = (*rows.start(), *rows.end());
-        let stride = usize::from(nu) + 1;
-        assert!(last <= nv, "rows {rows:?} of {grid:?}");
+        let stride = usize::from(right - left) + 1;
+        assert!(
+            last <= nv && right <= nu,
+            "columns {columns:?}, rows {rows:?} of {grid:?}"
+        );
         assert_eq!(
             out.len(),
             stride * (usize::from(last - first) + 1),
@@ -402,50 +424,77 @@ impl Surface {
         );
 
         // Within the face.
+        let across = left.max(1)..(right + 1).min(nu);
         let inner = first.max(1)..(last + 1).min(nv);
         scratch.us.clear();
         scratch
             .us
-            .extend((1..nu).map(|i| f32::from(i) / f32::from(nu)));
+            .extend(across.clone().map(|i| f32::from(i) / f32::from(nu)));
         scratch.vs.clear();
         scratch
             .vs
             .extend(inner.clone().map(|j| f32::from(j) / f32::from(nv)));
-        if !inner.is_empty() {
-            let start = stride * usize::from(inner.start - first) + 1;
+        if !inner.is_empty() && !across.is_empty() {
+            let start =
+                stride * usize::from(inner.start - first) + usize::from(across.start - left);
             self.displaced_grid(grid.face, key, scratch, stride, &mut out[start..]);
         }
 
         // Along its edges, each from its first corner to the one before its last.
         for k in 0..4_u32 {
+            // The vertices along the edge that are in the part.
+            let (there, xs) = match k {
+                0 => (first == 0, left..(right + 1).min(nu)),
+                1 => (right == nu, first..(last + 1).min(nv)),
+                2 => (last == nv, nu - right..(nu + 1 - left).min(nu)),
+                _ => (left == 0, nv - last..(nv + 1 - first).min(nv)),
+            };
+            if !there || xs.is_empty() {
+                continue;
+            }
             let used = self.base().edge(grid.face, k);
-            let samples = shared.edge(used.edge);
-            let [from, to] =
-                [k, (k + 1) % 4].map(|k| shared.vertex(self.base().vertex(grid.face, k)));
             let n = if k % 2 == 0 { nu } else { nv };
             let segments = grid.segments[k as usize];
-            for x in 0..n {
+            // The samples within the edge that they are snapped to, in its own direction.
+            let own = |sample: u16| {
+                if used.reversed {
+                    segments - sample
+                } else {
+                    sample
+                }
+            };
+            let ends = [xs.start, xs.end - 1].map(|x| own(snapped(x, n, segments)));
+            let from = ends[0].min(ends[1]).clamp(1, segments);
+            let to = ends[0].max(ends[1]).min(segments - 1).max(from - 1);
+            let mut evaluated = std::mem::take(&mut scratch.line);
+            let samples = if shared.holds_edges() {
+                &shared.edge(used.edge)[usize::from(from - 1)..usize::from(to)]
+            } else {
+                evaluated.clear();
+                evaluated.resize(usize::from(to + 1 - from), Vec3::ZERO);
+                let (segments, from) = (segments.into(), from.into());
+                self.edge_part(used.edge, segments, from, key, scratch, &mut evaluated);
+                &evaluated
+            };
+            let corner = |k: u32| shared.vertex(self.base().vertex(grid.face, k));
+            for x in xs {
                 let (column, row) = match k {
                     0 => (x, 0),
                     1 => (nu, x),
                     2 => (nu - x, nv),
                     _ => (0, nv - x),
                 };
-                if !rows.contains(&row) {
-                    continue;
-                }
                 let sample = snapped(x, n, segments);
                 let point = if sample == 0 {
-                    from
+                    corner(k)
                 } else if sample == segments {
-                    to
-                } else if used.reversed {
-                    samples[usize::from(segments - sample - 1)]
+                    corner((k + 1) % 4)
                 } else {
-                    samples[usize::from(sample - 1)]
+                    samples[usize::from(own(sample) - from)]
                 };
-                out[stride * usize::from(row - first) + usize::from(column)] = point;
+                out[stride * usize::from(row - first) + usize::from(column - left)] = point;
             }
+            scratch.line = evaluated;
         }
         debug_assert!(
             self.bounds(grid.face, &UvRect::UNIT, key)

@@ -27,14 +27,14 @@ pub struct Scratch {
     /// Displacements; limit point plus displacement is the displaced point.
     moved: Vec<Vec3>,
     sum: Vec<Vec3>,
-    line: Vec<Vec3>,
+    pub(super) line: Vec<Vec3>,
 }
 
-/// The points that faces share, at one motion key.
+/// The points that faces share, at one motion key: all of them, or those of vertices alone.
 #[derive(Debug, Clone)]
 pub struct SharedSamples {
     vertices: Vec<Vec3>,
-    /// Where each edge's inner samples start.
+    /// Where each edge's inner samples start; empty if those are not held.
     starts: Vec<usize>,
     samples: Vec<Vec3>,
 }
@@ -42,15 +42,7 @@ pub struct SharedSamples {
 impl SharedSamples {
     /// Evaluates them all, on all threads.
     pub fn new(surface: &Surface, rates: &Rates, key: u32) -> Self {
-        let mut vertices = vec![Vec3::ZERO; surface.adjacency.vertex_count() as usize];
-        vertices
-            .par_iter_mut()
-            .with_min_len(64)
-            .enumerate()
-            .for_each_init(Scratch::default, |scratch, (vertex, point)| {
-                *point = surface.vertex_point(vertex as u32, key, scratch);
-            });
-
+        let vertices = vertices(surface, key);
         let mut starts = vec![0];
         let mut count = 0;
         for edge in 0..surface.adjacency.edge_count() {
@@ -72,6 +64,48 @@ impl SharedSamples {
         }
     }
 
+    /// Those of vertices at each motion key, and the box around these and what is within edges, none of which is held.
+    pub fn of_vertices(surface: &Surface, rates: &Rates) -> (Vec<Self>, Bounds3) {
+        let mut bounds = Bounds3::EMPTY;
+        let keys = (0..surface.base().keys())
+            .map(|key| {
+                let vertices = vertices(surface, key);
+                for (vertex, &point) in (0..).zip(&vertices) {
+                    if surface.adjacency.vertex(vertex).len() > 0 {
+                        bounds = bounds.including(point);
+                    }
+                }
+                let on_edges = (0..surface.adjacency.edge_count())
+                    .into_par_iter()
+                    .filter(|&edge| surface.adjacency.edge(edge).len() > 0)
+                    .map_init(
+                        || (Scratch::default(), Vec::new()),
+                        |(scratch, samples), edge| {
+                            samples.clear();
+                            samples.resize(rates.edge(edge) as usize - 1, Vec3::ZERO);
+                            surface.edge_points(edge, key, scratch, samples);
+                            Bounds3::of(samples.iter().copied())
+                        },
+                    )
+                    .reduce(|| Bounds3::EMPTY, Bounds3::union);
+                bounds = bounds.union(on_edges);
+                Self {
+                    vertices,
+                    starts: Vec::new(),
+                    samples: Vec::new(),
+                }
+            })
+            .collect();
+        (keys, bounds)
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        size_of_val(self.vertices.as_slice())
+            + size_of_val(self.starts.as_slice())
+            + size_of_val(self.samples.as_slice())
+    }
+
     /// The box around what the faces that are no holes share, at all motion keys given.
     pub fn bounds(surface: &Surface, keys: &[Self]) -> Bounds3 {
         let base = surface.base();
@@ -88,7 +122,15 @@ impl SharedSamples {
         self.vertices[vertex as usize]
     }
 
+    /// Whether the points within edges are held.
+    pub(super) fn holds_edges(&self) -> bool {
+        !self.starts.is_empty()
+    }
+
     /// The points within an edge, in its own direction: one fewer than its segments.
+    ///
+    /// # Panics
+    /// If they are not held.
     pub fn edge(&self, edge: u32) -> &[Vec3] {
         let edge = edge as usize;
         &self.samples[self.starts[edge]..self.starts[edge + 1]]
@@ -119,6 +161,18 @@ impl SharedSamples {
     }
 }
 
+fn vertices(surface: &Surface, key: u32) -> Vec<Vec3> {
+    let mut vertices = vec![Vec3::ZERO; surface.adjacency.vertex_count() as usize];
+    vertices
+        .par_iter_mut()
+        .with_min_len(64)
+        .enumerate()
+        .for_each_init(Scratch::default, |scratch, (vertex, point)| {
+            *point = surface.vertex_point(vertex as u32, key, scratch);
+        });
+    vertices
+}
+
 /// Cuts `all` at `starts`, whose last one is its end.
 pub(super) fn split<'a, T>(mut all: &'a mut [T], starts: &[usize]) -> Vec<&'a mut [T]> {
     starts
@@ -134,7 +188,20 @@ pub(super) fn split<'a, T>(mut all: &'a mut [T], starts: &[usize]) -> Vec<&'a mu
 impl Surface {
     /// The shared points that cut an edge into one more segments than `out` is long, in the edge's own direction.
     pub(super) fn edge_points(&self, edge: u32, key: u32, scratch: &mut Scratch, out: &mut [Vec3]) {
-        let segments = (out.len() + 1) as f32;
+        self.edge_part(edge, out.len() + 1, 1, key, scratch, out);
+    }
+
+    /// Some of the points that cut an edge into so many segments, from number `first` on.
+    pub(super) fn edge_part(
+        &self,
+        edge: u32,
+        segments: usize,
+        first: usize,
+        key: u32,
+        scratch: &mut Scratch,
+        out: &mut [Vec3],
+    ) {
+        let segments = segments as f32;
         self.shared_points(
             self.adjacency.edge(edge),
             out,
@@ -143,7 +210,7 @@ impl Surface {
                 scratch.us.clear();
                 scratch.vs.clear();
                 for i in 0..out_len {
-                    let t = (i + 1) as f32 / segments;
+                    let t = (first + i) as f32 / segments;
                     let uv = edge_uv(side.k, if side.reversed { 1.0 - t } else { t });
                     // The other parameter is the same all along the edge.
                     if side.k % 2 == 0 || i == 0 {

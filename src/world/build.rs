@@ -12,7 +12,7 @@ use super::stored::Source;
 use super::textures::Textures;
 use super::worn::{Wardrobe, Wearer};
 use super::{Entry, Placed, World, patch};
-use crate::accel::{Intersector, MaxError};
+use crate::accel::{Cache, CacheSize, Intersector, MaxError};
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::{PtexFilter, Texture};
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
@@ -35,6 +35,8 @@ pub struct BuildOptions {
     pub dicing: Dicing,
     /// The farthest that a method which compresses may move a micro-vertex.
     pub max_error: MaxError,
+    /// Bytes of the cache, for the method that has one.
+    pub cache_size: CacheSize,
     /// Everything Lambert with this albedo; displacement stays.
     pub clay: Option<f32>,
     /// Textures that cannot be read become this colour instead of an error.
@@ -55,6 +57,8 @@ pub struct Built {
     pub surface_bytes: usize,
     /// How far micro-vertices were moved, by methods that do.
     pub error: Option<AchievedError>,
+    /// What is diced while rays are traced, by the method that does so.
+    pub cache: Option<Arc<Cache>>,
     /// What was noticed.
     pub warnings: Warnings,
 }
@@ -131,6 +135,8 @@ impl World {
         let (materials, unbound) = textures.materials(description, options);
         let mut wardrobe = Wardrobe::new(materials.clone());
 
+        let has_cache = options.method == Method::Cache;
+        let cache = options.method.cache(options.cache_size);
         let mut maker = Maker {
             device,
             camera,
@@ -139,7 +145,8 @@ impl World {
             go_on: &|done| go_on(0.5 * done),
             share: [0.0; 2],
             heights: Heights::new(&textures),
-            bytes: 0,
+            cache: &cache,
+            bytes: if has_cache { cache.bytes() } else { 0 },
             error: None,
         };
 
@@ -298,6 +305,7 @@ impl World {
             texture_bytes: textures.memory(),
             surface_bytes: maker.bytes,
             error: maker.error,
+            cache: has_cache.then_some(cache),
             warnings,
         })
     }

@@ -9,7 +9,7 @@ use super::method::{How, Method, TracedSurface};
 use super::patch;
 use super::shape::{Polygons, Smooth, Surface};
 use super::stored::{self, Cage, Source};
-use crate::accel::Accuracy;
+use crate::accel::{Accuracy, Cache};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3};
 use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule, triangulate};
@@ -31,6 +31,8 @@ pub(super) struct Maker<'a> {
     /// The part of the surfaces that the one at hand is, from where to where.
     pub(super) share: [f64; 2],
     pub(super) heights: Heights<'a>,
+    /// For the method that dices while rays are traced.
+    pub(super) cache: &'a Arc<Cache>,
     /// Bytes that surfaces and methods hold beside Embree.
     pub(super) bytes: usize,
     /// How far micro-vertices were moved, by methods that do.
@@ -188,6 +190,7 @@ impl Maker<'_> {
         };
         let how = How {
             max_error: self.options.max_error,
+            cache: self.cache,
             go_on: &|done| go_on(from + (to - from) * done),
             keep: recorded.then_some(&mut keep),
         };

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use crate::accel::{
-    Accuracy, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions, Intersector, Keep, MaxError,
-    Nonlinear, Tessellated, Trimmed,
+    Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions,
+    Intersector, Keep, MaxError, Nonlinear, Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -31,6 +31,8 @@ pub enum Method {
     Compact,
     /// Thin slabs around a few of our micro-triangles each, in trees without pointers.
     Compressed,
+    /// What the quantised micro-triangles are, diced when rays come to them, in a cache of fixed size.
+    Cache,
     /// Micro-triangles that are computed where rays pass, of a surface as few quads and an image.
     Dbvh,
     /// Heights over prisms, traced by bent rays.
@@ -64,6 +66,8 @@ impl TracedSurface {
 pub struct How<'a> {
     /// The farthest that a method which compresses may move a micro-vertex.
     pub max_error: MaxError,
+    /// Where what is diced while rays are traced goes, of all surfaces.
+    pub cache: &'a Arc<Cache>,
     /// Told how far it is, 0..1; ends it by false.
     pub go_on: &'a dyn Fn(f64) -> bool,
     /// Takes what is built, if the method [is stored](Method::is_stored).
@@ -84,7 +88,7 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
@@ -92,6 +96,7 @@ impl Method {
         Self::Tessellated,
         Self::Compact,
         Self::Compressed,
+        Self::Cache,
         Self::Dbvh,
         Self::Nonlinear,
     ];
@@ -106,6 +111,7 @@ impl Method {
             Self::Tessellated => "tessellated",
             Self::Compact => "compact",
             Self::Compressed => "compressed",
+            Self::Cache => "cache",
             Self::Dbvh => "dbvh",
             Self::Nonlinear => "nonlinear",
         }
@@ -125,6 +131,9 @@ impl Method {
             Self::Compressed => {
                 "thin slabs around a few micro-triangles each, at about half a byte for one"
             }
+            Self::Cache => {
+                "the micro-triangles of compact, diced when rays come to them, in a cache of fixed size"
+            }
             Self::Dbvh => "micro-triangles computed where rays pass: nothing is diced or kept",
             Self::Nonlinear => "heights over prisms, traced by bent rays: no micro-triangles",
         }
@@ -140,9 +149,15 @@ impl Method {
             Self::Tessellated => 50,
             Self::Compact => 3,
             Self::Compressed => 2,
+            Self::Cache => 1,
             Self::Dbvh => 2,
             Self::Nonlinear => 5,
         }
+    }
+
+    /// The cache for all surfaces of a scene: of this size for the method that has one.
+    pub fn cache(self, size: CacheSize) -> Arc<Cache> {
+        Arc::new(Cache::new(if self == Self::Cache { size.0 } else { 0 }))
     }
 
     /// How Embree is to build the scenes that its geometries are in.
@@ -235,6 +250,11 @@ impl Method {
                 thick = Some(tree.achieved());
                 let (geometry, _, bytes) = of_hit(tree, surface, device)?;
                 (geometry, HitPlaces::NearHit, bytes)
+            }
+            Self::Cache => {
+                let tree = Cached::build(surface, rates, how.max_error, how.cache, how.go_on)?;
+                accuracy = Some(tree.accuracy());
+                of_hit(tree, surface, device)?
             }
             Self::Dbvh => {
                 let tree = Dbvh::build(surface, rates, &DbvhOptions::default(), how.go_on)?;

@@ -23,8 +23,8 @@ pub use interaction::Interaction;
 pub use method::{HitPlaces, How, Method, TracedSurface};
 pub use objects::{Object, objects};
 
-pub use crate::accel::MaxError;
-pub use crate::stats::AchievedError;
+pub use crate::accel::{Cache, CacheSize, MaxError, cache_use};
+pub use crate::stats::{AchievedError, CacheUse};
 pub use crate::surface::Dicing;
 
 use std::sync::Arc;

@@ -7,7 +7,7 @@ use relievo_ptex::{DataType, Format, Res, Writer};
 
 use super::textures::Textures;
 use super::{BuildOptions, How, Method, objects};
-use crate::accel::MaxError;
+use crate::accel::{CacheSize, MaxError};
 use crate::error::Warnings;
 use crate::image::PtexTexture;
 use crate::math::{Area, Ray, Vec2, Vec3};
@@ -119,6 +119,7 @@ fn no_ray_escapes_what_ptex_displaces() {
     for method in Method::ALL {
         let how = How {
             max_error: MaxError::Usual,
+            cache: &method.cache(CacheSize::default()),
             go_on: &|_| true,
             keep: None,
         };
@@ -159,6 +160,7 @@ fn no_ray_escapes_what_ptex_displaces() {
         Method::Tessellated
         | Method::Compact
         | Method::Compressed
+        | Method::Cache
         | Method::Dbvh
         | Method::Nonlinear => 0,
         _ => effort(1_000_000) / 10_000_000,

@@ -76,6 +76,8 @@ pub(super) fn digest(
         method,
         dicing,
         max_error,
+        // Of the method that is not stored.
+        cache_size: _,
         // They change the picture, but no geometry; images that are missing are among those that displace.
         ptex_filter: _,
         clay: _,

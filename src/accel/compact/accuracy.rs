@@ -28,7 +28,11 @@ impl MaxError {
     ///
     /// # Errors
     /// [`Error::Usage`] if it is in pixels, and there is no view.
-    pub(super) fn units(self, diagonal: f32, pixels_per_unit: Option<f32>) -> Result<f32> {
+    pub(in crate::accel) fn units(
+        self,
+        diagonal: f32,
+        pixels_per_unit: Option<f32>,
+    ) -> Result<f32> {
         match (self, pixels_per_unit) {
             (Self::Usual, None) => Ok(USUAL_DIAGONALS * diagonal),
             (Self::Usual, Some(pixels)) => {

@@ -19,9 +19,9 @@ use crate::accel::lattice::{Extent, REACH};
 /// Bytes of a head.
 pub(super) const HEAD: usize = 24;
 /// Blocks start at multiples of this many bytes.
-pub(super) const UNIT: usize = 4;
+pub(in crate::accel) const UNIT: usize = 4;
 /// Bytes after the last block, so that fields can be read by the register.
-pub(super) const PADDING: usize = 4 * FIELD_PADDING;
+pub(in crate::accel) const PADDING: usize = 4 * FIELD_PADDING;
 
 /// Bits after the point of `du` and `dv`, and of `shear`.
 pub(super) const SLOPE_POINT: u32 = 5;
@@ -41,7 +41,7 @@ pub(super) struct Axis {
 
 /// A block's head, and where its rows are.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Head {
+pub(in crate::accel) struct Head {
     pub(super) axes: [Axis; 3],
     pub(super) main: usize,
     /// The first byte of each axis's rows, and how far these are apart.
@@ -52,7 +52,7 @@ pub(super) struct Head {
 impl Head {
     /// Reads the head of the block of `columns` times `rows` vertices that starts at byte `at`.
     #[inline(always)]
-    pub(super) fn read(data: &[u8], at: usize, [columns, rows]: [usize; 2]) -> Self {
+    pub(in crate::accel) fn read(data: &[u8], at: usize, [columns, rows]: [usize; 2]) -> Self {
         let mut head = Self {
             axes: [Axis::default(); 3],
             main: 0,

@@ -6,9 +6,10 @@
 
 use rayon::prelude::*;
 
-use super::block::{CELLS, PADDING, SIDE, UNIT, Vertices};
-use super::patch::{FAN, Node, Patch, SPAN};
-use super::{Accuracy, Compact, CompactOptions, Face};
+use super::block::{PADDING, UNIT};
+use super::patch::{Node, Patch, SPAN, pack};
+use super::skeleton::{Face, Skeleton};
+use super::{Accuracy, Compact, CompactOptions};
 use crate::accel::lattice::{Extent, Lattice};
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
@@ -80,8 +81,20 @@ impl Compact {
     }
 }
 
+/// The largest coordinate of what is within boxes, by motion key.
+pub(in crate::accel) fn reach(extents: &[Vec<Extent>]) -> f32 {
+    let extents = extents.iter().flatten();
+    let all = extents.copied().fold(Extent::EMPTY, Extent::union);
+    let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
+    if all.is_empty() {
+        0.0
+    } else {
+        (0..3).map(largest).max().unwrap_or(0) as f32
+    }
+}
+
 /// The lattice in which no vertex moves by more than `error`, unless it is too fine for what is within `bounds`.
-fn lattice(bounds: &Bounds3, error: f32) -> Lattice {
+pub(in crate::accel) fn lattice(bounds: &Bounds3, error: f32) -> Lattice {
     // A vertex moves by half of a cube's diagonal at most.
     Lattice::around(bounds, 2.0 / 3.0_f32.sqrt() * error)
 }
@@ -156,14 +169,7 @@ impl<'a> Builder<'a> {
         let mut data = self.data;
         data.resize(data.len() + PADDING, 0);
         data.shrink_to_fit();
-        let extents = self.extents.iter().flatten();
-        let all = extents.copied().fold(Extent::EMPTY, Extent::union);
-        let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
-        let reach = if all.is_empty() {
-            0
-        } else {
-            (0..3).map(largest).max().unwrap_or(0)
-        };
+        let reach = reach(&self.extents);
         let (top, order) = Top::new(&self.extents);
         let mut patches = Vec::with_capacity(order.len());
         let with_node = self.nodes.iter().flatten().flatten().count();
@@ -176,16 +182,18 @@ impl<'a> Builder<'a> {
             }
             patches.push(patch);
         }
-        let faces: Vec<Face> = self.grids.iter().map(face).collect();
+        let faces: Vec<Face> = self.grids.iter().map(Face::new).collect();
         Ok(Compact {
-            isa: Isa::best(),
-            lattice: self.lattice,
-            reach: reach as f32,
-            keys: self.keys,
-            left_handed: self.surface.base().left_handed(),
-            faces: faces.into(),
-            top,
-            patches: patches.into(),
+            skeleton: Skeleton {
+                isa: Isa::best(),
+                lattice: self.lattice,
+                reach,
+                keys: self.keys,
+                left_handed: self.surface.base().left_handed(),
+                faces: faces.into(),
+                top,
+                patches: patches.into(),
+            },
             nodes: nodes.into(),
             data: data.into(),
             accuracy: Accuracy {
@@ -260,36 +268,9 @@ impl<'a> Builder<'a> {
             band.squares += off;
         }
         for left in (0..nu).step_by(SPAN) {
-            let start = (band.data.len() / UNIT) as u32;
-            let mut children = [Extent::EMPTY; 16];
-            let mut sizes = [0; 16];
-            let fan = |from: usize, n: usize| (n - from).min(SPAN).div_ceil(CELLS);
-            for (cj, ci) in
-                (0..fan(first, last)).flat_map(|cj| (0..fan(left, nu)).map(move |ci| (cj, ci)))
-            {
-                let (i, j) = (left + CELLS * ci, CELLS * cj);
-                let mut block = Vertices {
-                    columns: (nu - i).min(CELLS) + 1,
-                    rows: (last - first - j).min(CELLS) + 1,
-                    values: [[0; SIDE * SIDE]; 3],
-                };
-                for y in 0..block.rows {
-                    let row = &lattice[stride * (j + y) + i..][..block.columns];
-                    for (x, p) in row.iter().enumerate() {
-                        for (values, p) in block.values.iter_mut().zip(p) {
-                            values[SIDE * y + x] = *p;
-                        }
-                    }
-                }
-                let before = band.data.len();
-                block.write(&mut band.data);
-                let child = FAN * cj + ci;
-                children[child] = block.extent();
-                sizes[child] = ((band.data.len() - before) / UNIT) as u8;
-            }
-            let extent = children.iter().fold(Extent::EMPTY, |a, b| a.union(*b));
-            band.nodes
-                .push((Node::new(&children, start, sizes), extent));
+            let cells = [(nu - left).min(SPAN), last - first];
+            let packed = pack(&lattice[left..], stride, cells, &mut band.data);
+            band.nodes.push(packed);
         }
         Ok(band)
     }
@@ -318,13 +299,5 @@ impl<'a> Builder<'a> {
             self.nodes[key].push(has_node.then_some(node));
             self.extents[key].push(extent);
         }
-    }
-}
-
-fn face(grid: &FaceGrid) -> Face {
-    Face {
-        face: grid.face,
-        size: grid.size,
-        segments: grid.segments,
     }
 }

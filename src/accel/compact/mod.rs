@@ -30,25 +30,24 @@ mod accuracy;
 mod block;
 mod build;
 mod patch;
+mod skeleton;
 mod stored;
 #[cfg(test)]
 mod tests;
 mod traverse;
 
-use bytemuck::{Pod, Zeroable};
 use mapped::Items;
 
-use super::lattice::Lattice;
-use super::simd::Isa;
-use super::top::Top;
 use super::{Hit, Intersector};
-use crate::math::{Bounds3, DVec3, Ray, Vec2};
-use crate::surface::FaceGrid;
+use crate::math::{Bounds3, Ray};
 pub use accuracy::{Accuracy, MaxError};
-use block::{CELLS, Head, SIDE};
-use patch::{FAN, Fan, Node, Patch, SPAN};
+pub(super) use block::PADDING;
+use block::UNIT;
+pub(super) use build::{lattice, reach};
+pub(super) use patch::{Node, Patch, SPAN, pack};
+pub(super) use skeleton::{Face, Skeleton};
 pub use stored::Keep;
-use traverse::Met;
+pub(super) use traverse::{Patches, View, any, nearest};
 
 /// How to compress.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -59,30 +58,11 @@ pub struct CompactOptions {
 
 /// A compressed surface.
 pub struct Compact {
-    isa: Isa,
-    lattice: Lattice,
-    /// The largest coordinate on the lattice.
-    reach: f32,
-    keys: u32,
-    left_handed: bool,
-    /// Those that are not holes.
-    faces: Items<Face>,
-    /// The tree over the patches, which are in its order.
-    top: Top,
-    patches: Items<Patch>,
+    skeleton: Skeleton,
     /// Patch by patch, at each motion key.
     nodes: Items<Node>,
     data: Items<u8>,
     accuracy: Accuracy,
-}
-
-/// How a face is diced.
-#[derive(Debug, Clone, Copy, Pod, Zeroable)]
-#[repr(C)]
-struct Face {
-    face: u32,
-    size: [u16; 2],
-    segments: [u16; 4],
 }
 
 impl Compact {
@@ -94,64 +74,41 @@ impl Compact {
     /// Bytes of faces, patches and the tree above, of nodes, and of blocks.
     pub fn parts(&self) -> [usize; 3] {
         [
-            self.top.memory() + size_of_val(&*self.faces) + size_of_val(&*self.patches),
+            self.skeleton.memory(),
             size_of_val(&*self.nodes),
             self.data.len(),
         ]
     }
+}
 
+impl Compact {
     #[inline(always)]
-    fn fan(&self, patch: &Patch) -> Fan {
-        patch.fan(self.faces[patch.face as usize].size)
-    }
-
-    /// The head of a patch's block at a motion key.
-    #[inline(always)]
-    fn head(&self, patch: &Patch, fan: &Fan, block: usize, key: usize) -> Head {
+    fn view(&self, patch: &Patch) -> View<'_> {
+        let fan = self.skeleton.fan(patch);
         let root = patch.root as usize;
-        let at = if self.has_node(fan) {
-            self.nodes[root + key].block(block)
+        let (nodes, start) = if self.skeleton.has_node(&fan) {
+            (&self.nodes[root..root + self.skeleton.keys as usize], 0)
         } else {
-            root * block::UNIT
+            (&self.nodes[..0], root * UNIT)
         };
-        Head::read(&self.data, at, fan.cells_of(block).map(|n| n + 1))
-    }
-
-    #[inline(always)]
-    fn has_node(&self, fan: &Fan) -> bool {
-        self.keys > 1 || !fan.is_single()
-    }
-
-    #[inline(always)]
-    fn hit(&self, ray: &Ray, met: &Met, [a, b, c]: [DVec3; 3]) -> Hit {
-        let patch = &self.patches[met.patch as usize];
-        let normal = (b - a).cross(c - a);
-        let normal = if self.left_handed { -normal } else { normal };
-        // Measured rather than estimated, in double precision: the point that whoever reads `t` computes, and the plane.
-        let point = self.lattice.on_lattice(ray.at(met.hit.t));
-        let distance = normal.dot(point - a).abs() / normal.length().max(f64::MIN_POSITIVE);
-        let distance = distance * self.lattice.step();
-        let face = &self.faces[patch.face as usize];
-        let grid = FaceGrid {
-            face: face.face,
-            size: face.size,
-            segments: face.segments,
-            first_vertex: 0,
-            first_triangle: 0,
-        };
-        let at = |patch: u16, block: usize, cell: usize| {
-            (SPAN * usize::from(patch) + CELLS * block + cell) as u16
-        };
-        let column = at(patch.column, met.block % FAN, met.cell % SIDE);
-        let row = at(patch.row, met.block / FAN, met.cell / SIDE);
-        let weights = Vec2::new(met.hit.u, met.hit.v);
-        Hit {
-            t: met.hit.t,
-            face: face.face,
-            uv: grid.cell_uv((column, row), met.second, weights),
-            normal: normal.as_vec3(),
-            error: (distance * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
+        View {
+            nodes,
+            data: &self.data,
+            start,
+            fan,
         }
+    }
+}
+
+impl<'s> Patches<'s> for &'s Compact {
+    #[inline(always)]
+    fn skeleton(&self) -> &'s Skeleton {
+        &self.skeleton
+    }
+
+    #[inline(always)]
+    fn enter(&mut self, number: u32) -> View<'_> {
+        self.view(&self.skeleton.patches[number as usize])
     }
 }
 
@@ -161,19 +118,19 @@ impl Intersector for Compact {
     }
 
     fn keys(&self) -> u32 {
-        self.keys
+        self.skeleton.keys
     }
 
     fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
-        self.lattice.bounds(&self.top.extent(key as usize))
+        self.skeleton.bounds(key)
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        self.nearest(ray)
+        nearest(&mut &*self, ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        self.any(ray)
+        any(&mut &*self, ray)
     }
 
     fn memory(&self) -> usize {

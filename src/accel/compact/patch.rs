@@ -5,41 +5,41 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::block::{CELLS, UNIT};
+use super::block::{CELLS, SIDE, UNIT, Vertices};
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::Extent;
 
 /// Blocks along a patch's side.
-pub(super) const FAN: usize = 4;
+pub(in crate::accel) const FAN: usize = 4;
 
 /// Quads along a full patch's side.
-pub(super) const SPAN: usize = FAN * CELLS;
+pub(in crate::accel) const SPAN: usize = FAN * CELLS;
 
 /// A part of a face.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
-pub(super) struct Patch {
+pub(in crate::accel) struct Patch {
     /// By its place among the faces that are not holes.
-    pub(super) face: u32,
-    pub(super) column: u16,
-    pub(super) row: u16,
+    pub(in crate::accel) face: u32,
+    pub(in crate::accel) column: u16,
+    pub(in crate::accel) row: u16,
     /// Its node at the first motion key; or where its block starts, in [`UNIT`]s, if it [is single](Fan::is_single).
-    pub(super) root: u32,
+    pub(in crate::accel) root: u32,
 }
 
 /// How many quads and blocks a patch has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Fan {
+pub(in crate::accel) struct Fan {
     /// Columns and rows of quads.
-    pub(super) cells: [usize; 2],
+    pub(in crate::accel) cells: [usize; 2],
     /// Columns and rows of blocks.
-    pub(super) blocks: [usize; 2],
+    pub(in crate::accel) blocks: [usize; 2],
 }
 
 impl Patch {
     /// In a face of so many quads.
     #[inline(always)]
-    pub(super) fn fan(&self, [nu, nv]: [u16; 2]) -> Fan {
+    pub(in crate::accel) fn fan(&self, [nu, nv]: [u16; 2]) -> Fan {
         let cells = [
             (usize::from(nu) - SPAN * usize::from(self.column)).min(SPAN),
             (usize::from(nv) - SPAN * usize::from(self.row)).min(SPAN),
@@ -54,20 +54,20 @@ impl Patch {
 impl Fan {
     /// Whether there is a single block.
     #[inline(always)]
-    pub(super) fn is_single(&self) -> bool {
+    pub(in crate::accel) fn is_single(&self) -> bool {
         self.blocks == [1; 2]
     }
 
     /// The blocks, as bits.
     #[inline(always)]
-    pub(super) fn there(&self) -> u32 {
+    pub(in crate::accel) fn there(&self) -> u32 {
         let [columns, rows] = self.blocks;
         (0x1111 * ((1 << columns) - 1)) & ((1 << (FAN * rows)) - 1)
     }
 
     /// Columns and rows of quads of a block.
     #[inline(always)]
-    pub(super) fn cells_of(&self, block: usize) -> [usize; 2] {
+    pub(in crate::accel) fn cells_of(&self, block: usize) -> [usize; 2] {
         let [nu, nv] = self.cells;
         let (i, j) = (block % FAN, block / FAN);
         [(nu - CELLS * i).min(CELLS), (nv - CELLS * j).min(CELLS)]
@@ -77,18 +77,18 @@ impl Fan {
 /// The blocks of a patch at a motion key, counted row by row.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C, align(64))]
-pub(super) struct Node {
-    pub(super) boxes: Boxes,
+pub(in crate::accel) struct Node {
+    pub(in crate::accel) boxes: Boxes,
     /// In [`UNIT`]s.
-    pub(super) sizes: [u8; 16],
+    pub(in crate::accel) sizes: [u8; 16],
     /// Where the first one starts, in [`UNIT`]s.
-    pub(super) data: u32,
+    pub(in crate::accel) data: u32,
 }
 
 impl Node {
     /// Over blocks of the given boxes, empty where there is none; where the first starts and how large they are, in
     /// [`UNIT`]s.
-    pub(super) fn new(blocks: &[Extent; 16], data: u32, sizes: [u8; 16]) -> Self {
+    pub(in crate::accel) fn new(blocks: &[Extent; 16], data: u32, sizes: [u8; 16]) -> Self {
         Self {
             boxes: Boxes::new(blocks),
             sizes,
@@ -98,7 +98,7 @@ impl Node {
 
     /// The byte at which a block starts.
     #[inline(always)]
-    pub(super) fn block(&self, c: usize) -> usize {
+    pub(in crate::accel) fn block(&self, c: usize) -> usize {
         // The sizes before it, summed up in four lanes of a word each.
         let all = u128::from_le_bytes(self.sizes) & ((1 << (8 * c)) - 1);
         const EVEN: u128 = u128::MAX / 0xffff * 0xff;
@@ -107,4 +107,41 @@ impl Node {
         let before = (halves.wrapping_mul(0x0001_0001_0001_0001) >> 48) as u32;
         (self.data + before) as usize * UNIT
     }
+}
+
+/// Writes the blocks of a patch of `columns` times `rows` quads, whose vertices on the lattice are in rows that start
+/// `stride` apart, and makes its node. What the patch encloses.
+pub(in crate::accel) fn pack(
+    lattice: &[[i32; 3]],
+    stride: usize,
+    [columns, rows]: [usize; 2],
+    data: &mut Vec<u8>,
+) -> (Node, Extent) {
+    let start = (data.len() / UNIT) as u32;
+    let mut children = [Extent::EMPTY; 16];
+    let mut sizes = [0; 16];
+    let [across, down] = [columns, rows].map(|n| n.div_ceil(CELLS));
+    for (cj, ci) in (0..down).flat_map(|cj| (0..across).map(move |ci| (cj, ci))) {
+        let (i, j) = (CELLS * ci, CELLS * cj);
+        let mut block = Vertices {
+            columns: (columns - i).min(CELLS) + 1,
+            rows: (rows - j).min(CELLS) + 1,
+            values: [[0; SIDE * SIDE]; 3],
+        };
+        for y in 0..block.rows {
+            let row = &lattice[stride * (j + y) + i..][..block.columns];
+            for (x, p) in row.iter().enumerate() {
+                for (values, p) in block.values.iter_mut().zip(p) {
+                    values[SIDE * y + x] = *p;
+                }
+            }
+        }
+        let before = data.len();
+        block.write(data);
+        let child = FAN * cj + ci;
+        children[child] = block.extent();
+        sizes[child] = ((data.len() - before) / UNIT) as u8;
+    }
+    let extent = children.iter().fold(Extent::EMPTY, |a, b| a.union(*b));
+    (Node::new(&children, start, sizes), extent)
 }

@@ -16,7 +16,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::block::{HEAD, Head, PADDING, UNIT};
-use super::{Accuracy, Compact, Face, Node, Patch, SPAN};
+use super::{Accuracy, Compact, Face, Node, Patch, SPAN, Skeleton};
 use crate::accel::lattice::Lattice;
 use crate::accel::simd::{Isa, WIDEST};
 use crate::accel::top::Top;
@@ -55,11 +55,11 @@ impl Compact {
     pub fn store(&self, keep: &mut Keep<'_>) -> Result<()> {
         let accuracy = self.accuracy;
         let facts = Facts {
-            anchor: self.lattice.anchor.to_array(),
-            step: self.lattice.step,
-            reach: self.reach,
-            keys: self.keys,
-            left_handed: self.left_handed.into(),
+            anchor: self.skeleton.lattice.anchor.to_array(),
+            step: self.skeleton.lattice.step,
+            reach: self.skeleton.reach,
+            keys: self.skeleton.keys,
+            left_handed: self.skeleton.left_handed.into(),
             zero: 0,
             asked: accuracy.asked,
             max: accuracy.max,
@@ -70,9 +70,9 @@ impl Compact {
         };
         keep(&[
             ("facts", bytemuck::bytes_of(&facts)),
-            ("faces", bytemuck::cast_slice(&self.faces)),
-            ("top", bytemuck::cast_slice(self.top.nodes())),
-            ("patches", bytemuck::cast_slice(&self.patches)),
+            ("faces", bytemuck::cast_slice(&self.skeleton.faces)),
+            ("top", bytemuck::cast_slice(self.skeleton.top.nodes())),
+            ("patches", bytemuck::cast_slice(&self.skeleton.patches)),
             ("nodes", bytemuck::cast_slice(&self.nodes)),
             ("data", &self.data),
         ])
@@ -106,14 +106,16 @@ impl Compact {
         let patches = sections.items::<Patch>("patches")?;
         let top = Top::of_nodes(sections.items("top")?, facts.keys as usize, patches.len());
         let compact = Self {
-            isa: Isa::best(),
-            lattice,
-            reach: facts.reach,
-            keys: facts.keys,
-            left_handed: base.left_handed(),
-            faces: sections.items("faces")?,
-            top: top.ok_or_else(|| wrong("the tree over patches is"))?,
-            patches,
+            skeleton: Skeleton {
+                isa: Isa::best(),
+                lattice,
+                reach: facts.reach,
+                keys: facts.keys,
+                left_handed: base.left_handed(),
+                faces: sections.items("faces")?,
+                top: top.ok_or_else(|| wrong("the tree over patches is"))?,
+                patches,
+            },
             nodes: sections.items("nodes")?,
             data: sections.items("data")?,
             accuracy: Accuracy {
@@ -125,18 +127,25 @@ impl Compact {
                 pixels_per_unit: (facts.pixels_per_unit > 0.0).then_some(facts.pixels_per_unit),
             },
         };
-        if !compact.faces.iter().all(|face| face.is_of(surface)) {
+        if !compact
+            .skeleton
+            .faces
+            .iter()
+            .all(|face| face.is_of(surface))
+        {
             return Err(wrong("a face is"));
         }
-        if !compact
-            .patches
+        if !(compact.skeleton.patches)
             .par_iter()
             .all(|patch| compact.is_sound(patch))
         {
             return Err(wrong("a patch is"));
         }
         let bounded = (0..facts.keys as usize).all(|key| {
-            let bounds = compact.lattice.bounds(&compact.top.extent(key));
+            let bounds = compact
+                .skeleton
+                .lattice
+                .bounds(&compact.skeleton.top.extent(key));
             bounds.is_empty() || bounds.min.is_finite() && bounds.max.is_finite()
         });
         if !bounded {
@@ -147,7 +156,7 @@ impl Compact {
 
     /// Whether all that a patch leads to is there.
     fn is_sound(&self, patch: &Patch) -> bool {
-        let Some(face) = self.faces.get(patch.face as usize) else {
+        let Some(face) = self.skeleton.faces.get(patch.face as usize) else {
             return false;
         };
         let begins = |at: u16, size: u16| SPAN * usize::from(at) < usize::from(size);
@@ -168,11 +177,11 @@ impl Compact {
             let end = head.rows[2] + vertices[1] * head.strides[2];
             head.axes.iter().all(|axis| axis.width <= WIDEST) && end + PADDING <= self.data.len()
         };
-        if !self.has_node(&fan) {
+        if !self.skeleton.has_node(&fan) {
             return is_block(patch.root.into(), 0);
         }
         let root = patch.root as usize;
-        let nodes = self.nodes.get(root..root + self.keys as usize);
+        let nodes = self.nodes.get(root..root + self.skeleton.keys as usize);
         nodes.is_some_and(|nodes| {
             nodes.iter().all(|node| {
                 let there = |block: &usize| fan.there() >> block & 1 == 1;

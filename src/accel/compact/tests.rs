@@ -6,14 +6,16 @@ use std::sync::Arc;
 use proptest::prelude::*;
 use rayon::prelude::*;
 
-use super::block::{PADDING, SIDE, Vertices};
+use super::block::{CELLS, Head, PADDING, SIDE, Vertices};
+use super::patch::FAN;
 use super::*;
 use crate::accel::lattice::{Extent, LatticeRay};
 use crate::accel::moment::Moment;
+use crate::accel::simd::Isa;
 use crate::accel::tests::random_ray;
 use crate::accel::top::Child;
 use crate::accel::triangle::origin_in;
-use crate::math::Vec3;
+use crate::math::{Vec2, Vec3};
 use crate::surface::tests::shapes::{Patches, Random};
 use crate::surface::tests::{closed, displacements, effort, leaks, mixed, surface};
 use crate::surface::{Diced, Displacement, Rates, Surface};
@@ -30,15 +32,20 @@ impl Compact {
     /// A vertex of a face on the lattice.
     fn vertex(&self, face: usize, i: usize, j: usize, key: usize) -> [i32; 3] {
         // The last vertices belong to the last patches and blocks.
-        let [nu, nv] = self.faces[face].size.map(usize::from);
+        let [nu, nv] = self.skeleton.faces[face].size.map(usize::from);
         let (x, y) = (i.min(nu - 1), j.min(nv - 1));
         let is_in = |patch: &&Patch| {
             let place = [patch.column, patch.row].map(usize::from);
             patch.face as usize == face && place == [x / SPAN, y / SPAN]
         };
-        let patch = self.patches.iter().find(is_in).expect("it is in a patch");
+        let patch = self
+            .skeleton
+            .patches
+            .iter()
+            .find(is_in)
+            .expect("it is in a patch");
         let (column, row) = (x % SPAN / CELLS, y % SPAN / CELLS);
-        let head = self.head(patch, &self.fan(patch), FAN * row + column, key);
+        let head = self.view(patch).head(FAN * row + column, key);
         head.vertex(
             &self.data,
             i - x / SPAN * SPAN - CELLS * column,
@@ -48,8 +55,8 @@ impl Compact {
 
     /// All vertices of a patch's block.
     fn content(&self, patch: &Patch, block: usize, key: usize) -> Extent {
-        let fan = self.fan(patch);
-        let head = self.head(patch, &fan, block, key);
+        let fan = self.skeleton.fan(patch);
+        let head = self.view(patch).head(block, key);
         let [columns, rows] = fan.cells_of(block);
         (0..=rows)
             .flat_map(|j| (0..=columns).map(move |i| (i, j)))
@@ -60,10 +67,10 @@ impl Compact {
 
     /// The nearest `t` on a face, triangle by triangle, in the arithmetic of the traversal.
     fn one_by_one(&self, face: usize, ray: &Ray) -> Option<f32> {
-        let on_lattice = LatticeRay::new(&self.lattice, ray, self.reach);
+        let on_lattice = LatticeRay::new(&self.skeleton.lattice, ray, self.skeleton.reach);
         let LatticeRay { origin, k, s, .. } = on_lattice;
-        let moment = Moment::new(self.keys, ray.time);
-        let [nu, nv] = self.faces[face].size.map(usize::from);
+        let moment = Moment::new(self.skeleton.keys, ray.time);
+        let [nu, nv] = self.skeleton.faces[face].size.map(usize::from);
         let vertices: Vec<[f32; 3]> = (0..=nv)
             .flat_map(|j| (0..=nu).map(move |i| (i, j)))
             .map(|(i, j)| {
@@ -107,18 +114,20 @@ fn every_instruction_set_hits_what_single_triangles_do() {
                 let mut hits = 0;
                 for _ in 0..30 {
                     let ray = random_ray(&mut random);
-                    let faces =
-                        (0..tree.faces.len()).filter_map(|face| tree.one_by_one(face, &ray));
+                    let faces = (0..tree.skeleton.faces.len())
+                        .filter_map(|face| tree.one_by_one(face, &ray));
                     let expected = faces.min_by(f32::total_cmp);
                     hits += usize::from(expected.is_some());
                     for isa in Isa::all() {
-                        tree.isa = isa;
+                        tree.skeleton.isa = isa;
                         let got = tree.intersect(0, &ray);
                         assert_eq!(got.map(|hit| hit.t), expected, "{shape} {kind} {isa:?}");
                         assert_eq!(tree.occluded(0, &ray), expected.is_some());
                         if let Some(hit) = got {
                             assert!(hit.error < 1e-5 && hit.normal.is_finite(), "{hit:?}");
-                            let box_ = tree.bounds(0, 0).union(tree.bounds(0, tree.keys - 1));
+                            let box_ = tree
+                                .bounds(0, 0)
+                                .union(tree.bounds(0, tree.skeleton.keys - 1));
                             let at = ray.at(hit.t);
                             assert_eq!(box_, box_.including(at), "{shape} {kind}");
                         }
@@ -178,7 +187,7 @@ fn vertices_are_as_near_to_the_dicing_as_promised() {
                         for key in 0..2 {
                             let p = diced.positions()[key][grid.vertex(i, j) as usize];
                             let q = tree.vertex(face, i.into(), j.into(), key);
-                            let off = tree.lattice.position(q).distance(p.as_dvec3());
+                            let off = tree.skeleton.lattice.position(q).distance(p.as_dvec3());
                             largest = largest.max(off);
                             sum += off * off;
                             count += 1;
@@ -207,17 +216,17 @@ fn every_box_encloses_what_is_below_it() {
         };
         match child {
             Child::Node(number) => {
-                let node = tree.top.node(number, key);
+                let node = tree.skeleton.top.node(number, key);
                 for c in 0..node.children() {
                     below(node.boxes.get(c), walk(tree, node.child(c), key));
                 }
             }
             Child::Patch(number) => {
-                let patch = &tree.patches[number as usize];
-                let fan = tree.fan(patch);
+                let patch = &tree.skeleton.patches[number as usize];
+                let fan = tree.skeleton.fan(patch);
                 for block in (0..16).filter(|block| fan.there() >> block & 1 == 1) {
                     let content = tree.content(patch, block, key);
-                    let around = if tree.has_node(&fan) {
+                    let around = if tree.skeleton.has_node(&fan) {
                         tree.nodes[patch.root as usize + key].boxes.get(block)
                     } else {
                         content
@@ -235,12 +244,12 @@ fn every_box_encloses_what_is_below_it() {
                 // Faces of many patches, and of less than a block.
                 let rates = Rates::by_edge(&surface, |edge| if edge % 2 == 0 { 3 } else { 40 });
                 let tree = compact(&surface, &rates, CompactOptions::default());
-                for key in 0..tree.keys {
-                    let root = tree.top.root().expect("there are faces");
+                for key in 0..tree.skeleton.keys {
+                    let root = tree.skeleton.top.root().expect("there are faces");
                     let content = walk(&tree, root, key as usize);
                     let bounds = tree.bounds(0, key);
                     for corner in [content.min, content.max] {
-                        let at = tree.lattice.position(corner).as_vec3();
+                        let at = tree.skeleton.lattice.position(corner).as_vec3();
                         assert_eq!(bounds, bounds.including(at), "{shape} {kind}");
                     }
                 }
@@ -296,8 +305,8 @@ fn bytes_do_not_depend_on_threads() {
     });
     assert_eq!(built[0].data, built[1].data);
     assert_eq!(built[0].nodes, built[1].nodes);
-    assert_eq!(built[0].patches, built[1].patches);
-    assert!(built[0].top == built[1].top);
+    assert_eq!(built[0].skeleton.patches, built[1].skeleton.patches);
+    assert!(built[0].skeleton.top == built[1].skeleton.top);
     assert_eq!(built[0].accuracy, built[1].accuracy);
 }
 

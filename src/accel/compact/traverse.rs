@@ -1,8 +1,8 @@
 //! One ray through the trees: the body that each instruction set gets compiled.
 
-use super::Compact;
 use super::block::{CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
-use super::patch::{Fan, Patch};
+use super::patch::{Fan, Node};
+use super::skeleton::Skeleton;
 use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
@@ -15,9 +15,9 @@ use crate::math::{DVec3, Ray};
 
 /// Where a ray met a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Met {
+pub(in crate::accel) struct Met {
     pub(super) hit: TriangleHit,
-    pub(super) patch: u32,
+    pub(in crate::accel) patch: u32,
     /// The block in the patch.
     pub(super) block: usize,
     /// The quad in the block, whose rows are [`SIDE`](crate::accel::quads::SIDE) apart, and whether it is its second triangle.
@@ -25,108 +25,143 @@ pub(super) struct Met {
     pub(super) second: bool,
 }
 
-impl Compact {
-    /// The nearest hit.
-    #[inline]
-    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        if self.keys == 1 {
-            self.isa.run(Nearest(Trace::<false, false>(self, ray)))
-        } else {
-            self.isa.run(Nearest(Trace::<false, true>(self, ray)))
-        }
-    }
+/// A patch's nodes, by motion key, and its blocks.
+#[derive(Clone, Copy)]
+pub(in crate::accel) struct View<'v> {
+    /// None if there is a single block.
+    pub(in crate::accel) nodes: &'v [Node],
+    pub(in crate::accel) data: &'v [u8],
+    /// The byte at which the single block starts.
+    pub(in crate::accel) start: usize,
+    pub(in crate::accel) fan: Fan,
+}
 
-    /// Whether there is any.
-    #[inline]
-    pub(super) fn any(&self, ray: &Ray) -> bool {
-        if self.keys == 1 {
-            self.isa.run(Trace::<true, false>(self, ray)).is_some()
-        } else {
-            self.isa.run(Trace::<true, true>(self, ray)).is_some()
-        }
+impl View<'_> {
+    /// The head of a block at a motion key.
+    #[inline(always)]
+    pub(in crate::accel) fn head(&self, block: usize, key: usize) -> Head {
+        let at = match self.nodes.get(key) {
+            Some(node) => node.block(block),
+            None => self.start,
+        };
+        Head::read(self.data, at, self.fan.cells_of(block).map(|n| n + 1))
     }
 }
 
-/// The nearest triangle, or `ANY` one.
-struct Trace<'a, const ANY: bool, const MOVES: bool>(&'a Compact, &'a Ray);
+/// Where patches come from.
+pub(in crate::accel) trait Patches<'s> {
+    /// What is there without entering any.
+    fn skeleton(&self) -> &'s Skeleton;
+    /// A patch, until the next one is entered.
+    fn enter(&mut self, number: u32) -> View<'_>;
+}
+
+/// The nearest hit.
+#[inline]
+pub(in crate::accel) fn nearest<'s, P: Patches<'s>>(patches: &mut P, ray: &Ray) -> Option<Hit> {
+    let skeleton = patches.skeleton();
+    if skeleton.keys == 1 {
+        skeleton.isa.run(Nearest::<false, P> { patches, ray })
+    } else {
+        skeleton.isa.run(Nearest::<true, P> { patches, ray })
+    }
+}
+
+/// Whether there is any.
+#[inline]
+pub(in crate::accel) fn any<'s, P: Patches<'s>>(patches: &mut P, ray: &Ray) -> bool {
+    let skeleton = patches.skeleton();
+    let met = if skeleton.keys == 1 {
+        skeleton.isa.run(Trace::<true, false, P> { patches, ray })
+    } else {
+        skeleton.isa.run(Trace::<true, true, P> { patches, ray })
+    };
+    met.is_some()
+}
 
 /// All that is to be known of the nearest triangle.
-struct Nearest<'a, const MOVES: bool>(Trace<'a, false, MOVES>);
+struct Nearest<'a, const MOVES: bool, P> {
+    patches: &'a mut P,
+    ray: &'a Ray,
+}
 
-impl<const MOVES: bool> Body for Nearest<'_, MOVES> {
+impl<'s, const MOVES: bool, P: Patches<'s>> Body for Nearest<'_, MOVES, P> {
     type Output = Option<Hit>;
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
-        let Trace(compact, ray) = self.0;
-        let met = self.0.run(lanes)?;
-        let moment = Moment::new(compact.keys, ray.time);
-        let corners = compact.corners::<L, MOVES>(lanes, &met, &moment);
-        Some(compact.hit(ray, &met, corners))
-    }
-}
-
-impl Compact {
-    /// The corners of a triangle on the lattice, where they are at a time.
-    #[inline(always)]
-    fn corners<L: Lanes, const MOVES: bool>(
-        &self,
-        lanes: L,
-        met: &Met,
-        moment: &Moment,
-    ) -> [DVec3; 3] {
-        let patch = &self.patches[met.patch as usize];
-        let fan = self.fan(patch);
-        let [columns, _] = fan.cells_of(met.block);
-        let (column, row) = (met.cell % SIDE, met.cell / SIDE);
-        let head = self.head(patch, &fan, met.block, moment.from);
-        let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-        let mut at = planes.next(lanes, &self.data, [row, row + 1]);
-        if MOVES {
-            let head = self.head(patch, &fan, met.block, moment.to);
-            let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-            let to = planes.next(lanes, &self.data, [row, row + 1]);
-            at = [
-                moment.between_lanes(lanes, at[0], to[0]),
-                moment.between_lanes(lanes, at[1], to[1]),
-                moment.between_lanes(lanes, at[2], to[2]),
-            ];
-        }
-        let mut stored = [[0.0; LANES]; 3];
-        for (stored, at) in stored.iter_mut().zip(at) {
-            lanes.store(at, stored);
-        }
-        let [x, y, z] = &stored;
-        let corner = |c: usize| {
-            let c = column + c;
-            DVec3::new(x[c].into(), y[c].into(), z[c].into())
+        let Self { patches, ray } = self;
+        let trace = Trace::<false, MOVES, P> {
+            patches: &mut *patches,
+            ray,
         };
-        if met.second {
-            [corner(SIDE + 1), corner(SIDE), corner(1)]
-        } else {
-            [corner(0), corner(1), corner(SIDE)]
-        }
+        let met = trace.run(lanes)?;
+        let skeleton = patches.skeleton();
+        let moment = Moment::new(skeleton.keys, ray.time);
+        let corners = corners::<L, MOVES>(lanes, &patches.enter(met.patch), &met, &moment);
+        Some(skeleton.hit(ray, &met, corners))
     }
 }
 
-impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
+/// The corners of a triangle on the lattice, where they are at a time.
+#[inline(always)]
+fn corners<L: Lanes, const MOVES: bool>(
+    lanes: L,
+    view: &View<'_>,
+    met: &Met,
+    moment: &Moment,
+) -> [DVec3; 3] {
+    let [columns, _] = view.fan.cells_of(met.block);
+    let (column, row) = (met.cell % SIDE, met.cell / SIDE);
+    let head = view.head(met.block, moment.from);
+    let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
+    let mut at = planes.next(lanes, view.data, [row, row + 1]);
+    if MOVES {
+        let head = view.head(met.block, moment.to);
+        let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
+        let to = planes.next(lanes, view.data, [row, row + 1]);
+        at = [
+            moment.between_lanes(lanes, at[0], to[0]),
+            moment.between_lanes(lanes, at[1], to[1]),
+            moment.between_lanes(lanes, at[2], to[2]),
+        ];
+    }
+    let mut stored = [[0.0; LANES]; 3];
+    for (stored, at) in stored.iter_mut().zip(at) {
+        lanes.store(at, stored);
+    }
+    let [x, y, z] = &stored;
+    let corner = |c: usize| {
+        let c = column + c;
+        DVec3::new(x[c].into(), y[c].into(), z[c].into())
+    };
+    if met.second {
+        [corner(SIDE + 1), corner(SIDE), corner(1)]
+    } else {
+        [corner(0), corner(1), corner(SIDE)]
+    }
+}
+
+/// The nearest triangle, or `ANY` one.
+struct Trace<'a, const ANY: bool, const MOVES: bool, P> {
+    patches: &'a mut P,
+    ray: &'a Ray,
+}
+
+impl<'s, const ANY: bool, const MOVES: bool, P: Patches<'s>> Body for Trace<'_, ANY, MOVES, P> {
     type Output = Option<Met>;
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self(compact, ray) = self;
-        let root = compact.top.root()?;
-        let moment = Moment::new(compact.keys, ray.time);
-        // Replaced before it is looked at: the root leads to a patch.
-        let patch = compact.patches.first()?;
+        let Self { patches, ray } = self;
+        let skeleton = patches.skeleton();
+        let root = skeleton.top.root()?;
+        let moment = Moment::new(skeleton.keys, ray.time);
         let mut walk = Walk::<MOVES> {
-            compact,
-            number: 0,
-            patch,
-            fan: compact.fan(patch),
+            skeleton,
             moment: &moment,
             world: *ray,
-            ray: LatticeRay::new(&compact.lattice, ray, compact.reach),
+            ray: LatticeRay::new(&skeleton.lattice, ray, skeleton.reach),
         };
         let mut nearest = None;
         let mut near = [0.0; LANES];
@@ -136,30 +171,33 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
             next = match at.place() {
                 Place::Node(node) => {
                     let hits = walk.children(lanes, node, &mut near);
-                    let node = compact.top.node(node, moment.from);
+                    let node = skeleton.top.node(node, moment.from);
                     stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
                 }
-                Place::Patch(number) => {
-                    walk.enter(number);
-                    // Before all other patches.
-                    if compact.has_node(&walk.fan) {
-                        let hits = walk.blocks(lanes, &mut near);
-                        stack.add(hits, |c| Waiting::part(near[c], c))
-                    } else {
+                Place::Patch(patch) => {
+                    let view = patches.enter(patch);
+                    let mut part = if view.nodes.is_empty() {
                         Some(Waiting::part(at.near(), 0))
-                    }
-                }
-                Place::Part(block) => {
-                    if let Some(met) = walk.block(lanes, block) {
-                        nearest = Some(met);
-                        if ANY {
-                            return nearest;
+                    } else {
+                        let hits = walk.blocks(lanes, &view, &mut near);
+                        stack.add(hits, |c| Waiting::part(near[c], c))
+                    };
+                    // All of its blocks before any other patch.
+                    while let Some(Place::Part(block)) = part.map(Waiting::place) {
+                        if let Some(found) = walk.block(lanes, &view, block) {
+                            nearest = Some(Met { patch, ..found });
+                            if ANY {
+                                return nearest;
+                            }
+                            walk.world.t_max = found.hit.t;
+                            walk.ray.end(found.hit.t);
                         }
-                        walk.world.t_max = met.hit.t;
-                        walk.ray.end(met.hit.t);
+                        part = stack.next_part(walk.ray.t_max);
                     }
                     None
                 }
+                // Met within their patches alone.
+                Place::Part(_) => None,
             };
             if next.is_none() {
                 next = stack.next(walk.ray.t_max);
@@ -170,11 +208,7 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 }
 
 struct Walk<'a, const MOVES: bool> {
-    compact: &'a Compact,
-    /// The patch at hand.
-    number: u32,
-    patch: &'a Patch,
-    fan: Fan,
+    skeleton: &'a Skeleton,
     moment: &'a Moment,
     /// The ray as it was given, and on the lattice; both end at the nearest hit so far.
     world: Ray,
@@ -186,29 +220,21 @@ const COLUMNS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
 const ROWS: [i32; LANES] = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1];
 
 impl<const MOVES: bool> Walk<'_, MOVES> {
-    #[inline(always)]
-    fn enter(&mut self, number: u32) {
-        self.number = number;
-        self.patch = &self.compact.patches[number as usize];
-        self.fan = self.compact.fan(self.patch);
-    }
-
     /// The children of a node over patches that the ray meets, as bits, and where it enters each.
     #[inline(always)]
     fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
-        let at = |key| self.compact.top.node(number, key);
+        let at = |key| self.skeleton.top.node(number, key);
         let node = at(self.moment.from);
         let boxes = [node, at(self.moment.to)].map(|node| &node.boxes);
         self.met(lanes, boxes, entries) & ((1 << node.children()) - 1)
     }
 
-    /// The same for the blocks of the patch.
+    /// The same for the blocks of a patch.
     #[inline(always)]
-    fn blocks<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
-        let root = self.patch.root as usize;
-        let at = |key: usize| &self.compact.nodes[root + key].boxes;
+    fn blocks<L: Lanes>(&self, lanes: L, view: &View<'_>, entries: &mut [f32; LANES]) -> u32 {
+        let at = |key: usize| &view.nodes[key].boxes;
         let boxes = [at(self.moment.from), at(self.moment.to)];
-        self.met(lanes, boxes, entries) & self.fan.there()
+        self.met(lanes, boxes, entries) & view.fan.there()
     }
 
     #[inline(always)]
@@ -222,16 +248,16 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
 
     /// The nearest triangle of a block.
     #[inline(always)]
-    fn block<L: Lanes>(&self, lanes: L, block: usize) -> Option<Met> {
-        let cells = self.fan.cells_of(block);
+    fn block<L: Lanes>(&self, lanes: L, view: &View<'_>, block: usize) -> Option<Met> {
+        let cells = view.fan.cells_of(block);
         let mut sheared = Sheared::default();
-        self.decode(lanes, block, cells, &mut sheared);
+        self.decode(lanes, view, block, cells, &mut sheared);
         let interval = [self.world.t_min, self.world.t_max];
         let QuadHit { hit, cell, second } =
             sheared.nearest(lanes, cells, self.ray.s[2], interval)?;
         Some(Met {
             hit,
-            patch: self.number,
+            patch: 0,
             block,
             cell,
             second,
@@ -243,27 +269,27 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     fn decode<L: Lanes>(
         &self,
         lanes: L,
+        view: &View<'_>,
         block: usize,
         [columns, rows]: [usize; 2],
         to: &mut Sheared,
     ) {
-        let compact = self.compact;
         let moment = self.moment;
         let LatticeRay { k, origin, s, .. } = self.ray;
-        let head = compact.head(self.patch, &self.fan, block, moment.from);
+        let head = view.head(block, moment.from);
         let mut planes = Planes::new(lanes, &head, k, columns, 0);
         let mut later = planes;
         if MOVES {
-            let head = compact.head(self.patch, &self.fan, block, moment.to);
+            let head = view.head(block, moment.to);
             later = Planes::new(lanes, &head, k, columns, 0);
         }
         let origin = k.map(|k| lanes.floats(origin[k]));
         let [sx, sy] = [lanes.floats(s[0]), lanes.floats(s[1])];
         for pair in 0..rows / 2 + 1 {
             let two = [2 * pair, (2 * pair + 1).min(rows)];
-            let mut at = planes.next(lanes, &compact.data, two);
+            let mut at = planes.next(lanes, view.data, two);
             if MOVES {
-                let b = later.next(lanes, &compact.data, two);
+                let b = later.next(lanes, view.data, two);
                 at = [
                     self.moment.between_lanes(lanes, at[0], b[0]),
                     self.moment.between_lanes(lanes, at[1], b[1]),

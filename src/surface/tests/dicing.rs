@@ -291,3 +291,39 @@ fn the_closest_view_is_measured_on_the_surface() {
     assert!(closest(&beside) < 0.5 * seen);
     assert_eq!(Rates::uniform(&cube, 4).pixels_per_unit(), None);
 }
+
+#[test]
+fn a_part_of_a_face_has_the_bits_of_the_whole() {
+    for (shape, base) in closed() {
+        for (kind, displacement) in displacements(0.2) {
+            let surface = surface(base.clone().moving(|p| 2.0 * p), displacement);
+            let rates = Rates::by_edge(&surface, |edge| [3, 17, 30][edge as usize % 3]);
+            let diced = Diced::new(&surface, &rates);
+            let held: Vec<_> = (0..2)
+                .map(|key| SharedSamples::new(&surface, &rates, key))
+                .collect();
+            let (vertices, bounds) = SharedSamples::of_vertices(&surface, &rates);
+            assert_eq!(bounds, SharedSamples::bounds(&surface, &held));
+            let mut scratch = Scratch::default();
+            for grid in diced.grids() {
+                let cuts = grid.size.map(|n| [0, n / 3, n / 2, n]);
+                for (key, c, r) in (0..18).map(|i| (i / 9, i % 3, i / 3 % 3)) {
+                    let (columns, rows) =
+                        (cuts[0][c]..=cuts[0][c + 1], cuts[1][r]..=cuts[1][r + 1]);
+                    let mut out = vec![Vec3::NAN; columns.len() * rows.len()];
+                    for shared in [&held[key], &vertices[key]] {
+                        let ranges = [columns.clone(), rows.clone()];
+                        surface.dice_part(grid, ranges, key as u32, shared, &mut scratch, &mut out);
+                        let places = rows
+                            .clone()
+                            .flat_map(|j| columns.clone().map(move |i| (i, j)));
+                        for ((i, j), p) in places.zip(&out) {
+                            let whole = diced.positions()[key][grid.vertex(i, j) as usize];
+                            assert_eq!(bits(*p), bits(whole), "{shape} {kind} {grid:?} {i} {j}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
