@@ -18,7 +18,7 @@
 //! We differ from the paper in this: what is cached is quantised, at about a byte a micro-triangle instead of 16 bytes a
 //! vertex, so that the same memory holds ten times the surface; and nobody is stopped when a segment is given up. As
 //! in the paper, each patch is diced once before the first ray, to know its box. Certified bounds
-//! ([`Surface::bounds`]) take a tenth of the time on smooth displacement, and a third where it is rough; but there
+//! ([`Surface::bounds`]) take a tenth of the time on smooth displacement, and two fifths where it is rough; but there
 //! they are so wide that rays visit several times as many patches, and are traced at a third of the speed.
 
 mod build;
