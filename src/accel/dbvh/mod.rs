@@ -14,7 +14,7 @@
 //!          h1 _______           A block's part of the shell is affine in u, v and h each. Seen along the ray, its
 //!       N \ /      /\ N         shadow lies within |c| <= |Su| + |Sv| + |Suv| + r |N| around its middle c, where r is
 //!         \/______/  \          half of the heights' range: sixteen blocks are tested at once, in a few operations
-//!         / h0   /              for each of the plane's two axes and for the distance.
+//!         / h0   /              each.
 //!        ·------·
 //!          P(u,v)
 //! ```

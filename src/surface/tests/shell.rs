@@ -100,11 +100,13 @@ fn quads_are_as_near_as_asked_for() {
             let shell = Shell::new(&flat, &tolerance);
             let ShellError {
                 distance,
+                shift,
                 angle,
                 asked,
             } = shell.achieved();
             // A quad's middle is off by what both of its directions are.
             assert!(distance <= 2.5 * asked, "{name}: {distance} for {asked}");
+            assert!(shift <= 40.0 * asked, "{name}: {shift} for {asked}");
             assert!(angle < 0.2, "{name}: {angle}");
             assert!(shell.quads() >= last, "{name}");
             last = shell.quads();
