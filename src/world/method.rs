@@ -121,7 +121,7 @@ impl Method {
             Self::Compressed => {
                 "thin slabs around a few micro-triangles each, at about half a byte for one"
             }
-            Self::Dbvh => "micro-triangles computed where rays pass: nothing is diced or kept",
+            Self::Dbvh => "micro-triangles computed where rays pass, from few quads and the image",
         }
     }
 
@@ -135,7 +135,7 @@ impl Method {
             Self::Tessellated => 50,
             Self::Compact => 3,
             Self::Compressed => 2,
-            Self::Dbvh => 2,
+            Self::Dbvh => 8,
         }
     }
 

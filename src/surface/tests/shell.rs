@@ -8,7 +8,7 @@ use crate::mesh::Crease;
 /// What a face has along edge `k` of its grid: by sample in the edge's own direction.
 fn along(shell: &Shell, base: &Patches, grid: &FaceGrid, k: u32) -> BTreeMap<u16, [u32; 8]> {
     let [nu, nv] = grid.size;
-    let n = if k % 2 == 0 { nu } else { nv };
+    let n = if k.is_multiple_of(2) { nu } else { nv };
     let segments = grid.segments[k as usize];
     (0..=n)
         .map(|x| {
