@@ -48,9 +48,22 @@ impl Sheared {
         lanes: L,
         [columns, rows]: [usize; 2],
         scale: f32,
-        [t_min, mut t_max]: [f32; 2],
+        interval: [f32; 2],
     ) -> Option<QuadHit> {
         let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
+        self.nearest_of(lanes, cells, rows, scale, interval)
+    }
+
+    /// The same of some of the quads in the first rows, given as bits: eight a row.
+    #[inline(always)]
+    pub(super) fn nearest_of<L: Lanes>(
+        &self,
+        lanes: L,
+        cells: u64,
+        rows: usize,
+        scale: f32,
+        [t_min, mut t_max]: [f32; 2],
+    ) -> Option<QuadHit> {
         let passed = edges(lanes, self, rows).map(|passed| passed & cells);
 
         // Both kinds of triangles in one row of bits: what ends the loop is hard to foretell.

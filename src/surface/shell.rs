@@ -51,8 +51,10 @@ impl Default for ShellTolerance {
 /// How far the quads are from the limit surface: the most that was found in the middles of quads and of their sides.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ShellError {
-    /// Between a quad and the limit surface at the same parameters, in units of the surface's points.
+    /// Between a quad and the limit surface along its normal, in units of the surface's points.
     pub distance: f32,
+    /// Along the surface, between its point and that of the quad with the same parameters, in the same units.
+    pub shift: f32,
     /// Between the normals there, radians.
     pub angle: f32,
     /// The distance that was asked for, in units of the surface's points.
@@ -91,6 +93,9 @@ pub struct Shell {
 
 /// The most quads along a face's side.
 const MOST: u32 = 64;
+
+/// How much it counts that a quad's parameters shift the displacement along the surface.
+const SHIFT: f32 = 0.1;
 
 /// Points along a side of the grid that tells how curved a face is.
 const PROBES: usize = 9;
@@ -177,6 +182,7 @@ impl Shell {
             },
             |a, (_, b)| ShellError {
                 distance: a.distance.max(b.distance),
+                shift: a.shift.max(b.shift),
                 angle: a.angle.max(b.angle),
                 asked,
             },
@@ -343,7 +349,8 @@ impl Probe {
     }
 
     /// The largest distance from chords that are so many steps long, and the largest angle between the normals at
-    /// their ends. Texture coordinates count by how far they shift the displacement along the surface, to a quarter.
+    /// their ends. What is off along the surface, by its parameters or texture coordinates, shifts the displacement and
+    /// counts to a tenth.
     fn errors(&self, axis: usize, stride: usize) -> (f32, f32) {
         let (mut off, mut angle) = (0.0_f32, 0.0_f32);
         for line in 0..PROBES {
@@ -357,7 +364,9 @@ impl Probe {
             for start in (0..PROBES - 1).step_by(stride) {
                 let [a, m, b] = [start, start + stride / 2, start + stride].map(point);
                 let position = |i: usize| self.limit.position(i);
-                off = off.max(position(m).distance(0.5 * (position(a) + position(b))));
+                let chord = position(m) - 0.5 * (position(a) + position(b));
+                let across = chord.dot(self.normals[m]).abs();
+                off = off.max(across).max(SHIFT * chord.length());
                 angle = angle.max(self.normals[a].angle_between(self.normals[b]));
                 if let [_, ..] = self.texcoords.st[..] {
                     let st = |i: usize| self.texcoords.st[i];
@@ -365,7 +374,7 @@ impl Probe {
                     let (along, length) =
                         (st(a).distance(st(b)), position(a).distance(position(b)));
                     if along > 0.0 {
-                        off = off.max(0.25 * shift * length / along);
+                        off = off.max(SHIFT * shift * length / along);
                     }
                 }
             }
@@ -545,7 +554,12 @@ fn error(flat: &Surface, grid: &FaceGrid, diced: &Diced, own: &[Own]) -> ShellEr
                 let first = grid.first_vertex as usize;
                 let linear = mix(corners.map(|c| own[c - first].normals[key as usize]));
                 let exact = normal(flat, grid.face, at, key, [limit.du, limit.dv]);
-                error.distance = error.distance.max(position.distance(limit.position));
+                let off = position - limit.position;
+                let across = off.dot(exact).abs();
+                error.distance = error.distance.max(across);
+                error.shift = error
+                    .shift
+                    .max((off.length_squared() - across * across).max(0.0).sqrt());
                 if linear != Vec3::ZERO && exact != Vec3::ZERO {
                     error.angle = error.angle.max(linear.angle_between(exact));
                 }

@@ -134,7 +134,7 @@ impl Method {
             Self::Cache => {
                 "the micro-triangles of compact, diced when rays come to them, in a cache of fixed size"
             }
-            Self::Dbvh => "micro-triangles computed where rays pass: nothing is diced or kept",
+            Self::Dbvh => "micro-triangles computed where rays pass, from few quads and the image",
             Self::Nonlinear => "heights over prisms, traced by bent rays: no micro-triangles",
         }
     }
@@ -150,7 +150,7 @@ impl Method {
             Self::Compact => 3,
             Self::Compressed => 2,
             Self::Cache => 1,
-            Self::Dbvh => 2,
+            Self::Dbvh => 8,
             Self::Nonlinear => 5,
         }
     }

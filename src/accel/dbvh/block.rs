@@ -11,8 +11,9 @@
 
 use super::Dbvh;
 use super::face::{Corner, Face, NONE, Patch, Span};
+use super::heights::Reader;
 use crate::accel::moment::Moment;
-use crate::accel::quads::{SIDE, Sheared};
+use crate::accel::quads::{PAIRS, SIDE, Sheared};
 use crate::accel::simd::{LANES, Lanes};
 use crate::math::Vec2;
 
@@ -123,38 +124,87 @@ impl<'a> Block<'a> {
     /// Whether it touches the face's border.
     #[inline(always)]
     pub(super) fn is_border(&self) -> bool {
-        let most = self.face.micro_vertices();
-        (0..2).any(|k| self.in_face[k] == 0 || self.in_face[k] + self.cells[k] + 1 == most[k])
+        self.face.is_border_at(self.in_face, self.cells)
     }
 }
 
 impl Dbvh {
-    /// A block's vertices: P + h N, but for those that are kept, which `shear` brings to the corners' space.
+    /// A block's vertices: P + h N, but for those that are kept, which `shear` brings to the corners' space. Only those of
+    /// rows of micro-quads that the ray may meet: which, as a bit for each.
+    ///
+    /// Vertices are on one side of an axis across the ray for all heights that the block has if they are so for the least
+    /// and for the greatest; and where all of a row's are, the ray does not meet it. `bound` is the middle of the heights, half
+    /// of their range, and how far vertices may be from where that puts them; none if they are unknown.
     #[inline(always)]
     pub(super) fn vertices<L: Lanes>(
         &self,
         lanes: L,
-        block: &Block<'_>,
-        quad: &Quad,
+        (reader, block): (&Reader<'_>, &Block<'_>),
+        (quad, bound): (&Quad, Option<[f32; 3]>),
         moment: &Moment,
         shear: impl Fn([f32; 3]) -> [f32; 3],
         to: &mut Sheared,
-    ) {
+    ) -> u32 {
         let weights = Weights::new(lanes, block);
-        let heights = self.heights.block(lanes, block, &weights, moment);
-        for (k, to) in [&mut to.x, &mut to.y, &mut to.z].into_iter().enumerate() {
+        let pairs = block.cells[1] / 2 + 1;
+        let all = (1_u32 << block.cells[1]) - 1;
+        let mut normals = [[lanes.floats(0.0); PAIRS]; 2];
+        // Vertices to the right of the axes for sure, and to the left.
+        let mut beyond = [0_u64; 4];
+        for (k, to) in [&mut to.x, &mut to.y].into_iter().enumerate() {
             let p = weights.sides(lanes, &quad.p[k]);
             let n = weights.sides(lanes, &quad.n[k]);
-            for pair in 0..block.cells[1] / 2 + 1 {
+            for pair in 0..pairs {
                 let p = weights.rows(lanes, p, pair);
                 let n = weights.rows(lanes, n, pair);
-                let moved = lanes.add(p, lanes.mul(heights[pair], n));
-                lanes.store(moved, &mut to[pair]);
+                lanes.store(p, &mut to[pair]);
+                normals[k][pair] = n;
+                if let Some([middle, half, slack]) = bound {
+                    let at = lanes.add(p, lanes.mul(lanes.floats(middle), n));
+                    let reach = lanes.mul(lanes.floats(half), lanes.abs(n));
+                    let reach = lanes.add(reach, lanes.floats(slack));
+                    let minus = lanes.sub(lanes.floats(0.0), reach);
+                    beyond[2 * k] |= u64::from(lanes.less(reach, at)) << (LANES * pair);
+                    beyond[2 * k + 1] |= u64::from(lanes.less(at, minus)) << (LANES * pair);
+                }
             }
+        }
+        let mut rows = all;
+        if bound.is_some() {
+            for beyond in beyond {
+                for row in 0..block.cells[1] {
+                    let both = (beyond >> (SIDE * row)) as u16;
+                    rows &= !(u32::from(both == u16::MAX) << row);
+                }
+            }
+        }
+        if rows == 0 {
+            return 0;
+        }
+        // Vertices above and below each row.
+        let needed = rows | rows << 1;
+        let st = [
+            weights.sides(lanes, &block.s),
+            weights.sides(lanes, &block.t),
+        ];
+        let (p, n) = (
+            weights.sides(lanes, &quad.p[2]),
+            weights.sides(lanes, &quad.n[2]),
+        );
+        for pair in (0..pairs).filter(|pair| needed >> (2 * pair) & 3 != 0) {
+            let heights = (self.heights).rows(lanes, reader, block, (&weights, &st), pair, moment);
+            let x = lanes.mul(heights, normals[0][pair]);
+            let y = lanes.mul(heights, normals[1][pair]);
+            lanes.store(lanes.add(lanes.load(&to.x[pair]), x), &mut to.x[pair]);
+            lanes.store(lanes.add(lanes.load(&to.y[pair]), y), &mut to.y[pair]);
+            let p = weights.rows(lanes, p, pair);
+            let n = weights.rows(lanes, n, pair);
+            lanes.store(lanes.add(p, lanes.mul(heights, n)), &mut to.z[pair]);
         }
         if block.face.has_kept && block.is_border() {
             self.replace_kept(block, moment, shear, to);
         }
+        rows
     }
 
     /// Puts kept points into their places.

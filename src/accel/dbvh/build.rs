@@ -443,6 +443,7 @@ impl Body for RangesOf<'_> {
         let Self { tree, patch } = self;
         let span = tree.faces[patch.face as usize].span(patch);
         let there = span.there();
+        let reader = tree.heights.reader();
         let mut out = [0; LANES];
         for (c, out) in out.iter_mut().enumerate() {
             if there >> c & 1 == 0 {
@@ -451,12 +452,19 @@ impl Body for RangesOf<'_> {
             let part: Span = span.child(c);
             let block = Block::new(tree, patch, &part);
             let weights = Weights::new(lanes, &block);
+            let st = [
+                weights.sides(lanes, &block.s),
+                weights.sides(lanes, &block.t),
+            ];
             let mut range = [f32::MAX, f32::MIN];
             for key in 0..tree.corners.len() {
-                let heights = tree.heights.block(lanes, &block, &weights, &at_key(key));
-                for pair in heights.iter().take(block.cells[1] / 2 + 1) {
+                let moment = at_key(key);
+                for pair in 0..block.cells[1] / 2 + 1 {
+                    let heights =
+                        tree.heights
+                            .rows(lanes, &reader, &block, (&weights, &st), pair, &moment);
                     let mut values = [0.0; LANES];
-                    lanes.store(*pair, &mut values);
+                    lanes.store(heights, &mut values);
                     for value in values {
                         range = [range[0].min(value), range[1].max(value)];
                     }

@@ -148,6 +148,21 @@ impl Face {
         Vec2::new(along(0), along(1))
     }
 
+    /// Whether a part of a quad touches the face's border.
+    #[inline(always)]
+    pub(super) fn is_border(&self, quad: [u16; 2], span: &Span) -> bool {
+        let first =
+            [0, 1].map(|k| usize::from(quad[k]) * usize::from(self.cells[k]) + span.first[k]);
+        self.is_border_at(first, span.cells)
+    }
+
+    /// The same by columns and rows of the face.
+    #[inline(always)]
+    pub(super) fn is_border_at(&self, first: [usize; 2], cells: [usize; 2]) -> bool {
+        let most = self.micro_vertices();
+        (0..2).any(|k| first[k] == 0 || first[k] + cells[k] + 1 == most[k])
+    }
+
     /// The kept point that a micro-vertex on the border is, by column and row in the face; [`NONE`] if it is computed.
     #[inline]
     pub(super) fn kept(&self, [i, j]: [usize; 2]) -> u32 {

@@ -3,7 +3,7 @@
 use super::block::{Block, Weights};
 use super::face::Face;
 use crate::accel::moment::Moment;
-use crate::accel::quads::{PAIRS, SIDE};
+use crate::accel::quads::SIDE;
 use crate::accel::simd::{LANES, Lanes};
 use crate::math::Vec2;
 use crate::surface::{FROM_BYTE, Fold, HeightImage, TexelKind, Texels};
@@ -23,6 +23,13 @@ pub(super) enum Source {
     Image(HeightImage),
     /// Of all micro-vertices by motion key, face by face, row by row.
     Kept(Vec<Vec<f32>>),
+}
+
+/// The same at hand for a ray.
+pub(super) enum Reader<'a> {
+    Flat(f32),
+    Image(Texels<'a>),
+    Kept(&'a [Vec<f32>]),
 }
 
 /// The least and the greatest value in each of sixteen blocks, 16 bits each: the least one in the lower bits.
@@ -64,46 +71,61 @@ impl Heights {
         ]
     }
 
-    /// All heights of a block, two rows together.
+    /// Makes ready to read.
     #[inline(always)]
-    pub(super) fn block<L: Lanes>(
+    pub(super) fn reader(&self) -> Reader<'_> {
+        match &self.source {
+            Source::Flat(value) => Reader::Flat(*value),
+            Source::Image(image) => Reader::Image(image.texels()),
+            Source::Kept(keys) => Reader::Kept(keys),
+        }
+    }
+
+    /// The middle of the range of heights that a code means, and half of its length: as [`ranges`](Self::ranges).
+    #[inline(always)]
+    pub(super) fn range(&self, code: i32) -> [f32; 2] {
+        let (low, high) = ((code & 0xffff) as f32, (code as u32 >> 16) as f32);
+        let [least, step] = self.code;
+        let middle = (low + high) * (0.5 * step * self.scale);
+        let shift = self.scale * least + self.bias;
+        [
+            middle + shift,
+            (high - low) * (0.5 * step * self.scale.abs()),
+        ]
+    }
+
+    /// Two rows of heights of a block. `st` are those of its rows at the left and the right side.
+    #[inline(always)]
+    pub(super) fn rows<L: Lanes>(
         &self,
         lanes: L,
+        reader: &Reader<'_>,
         block: &Block<'_>,
-        weights: &Weights<L>,
+        (weights, st): (&Weights<L>, &[L::Floats; 2]),
+        pair: usize,
         moment: &Moment,
-    ) -> [L::Floats; PAIRS] {
-        let mut out = [lanes.floats(0.0); PAIRS];
-        let pairs = block.cells[1] / 2 + 1;
-        match &self.source {
-            Source::Flat(value) => return [lanes.floats(self.of(*value)); PAIRS],
-            Source::Image(image) => {
-                let texels = image.texels();
-                let s = weights.sides(lanes, &block.s);
-                let t = weights.sides(lanes, &block.t);
-                for (pair, out) in out.iter_mut().enumerate().take(pairs) {
-                    let s = weights.rows(lanes, s, pair);
-                    let t = weights.rows(lanes, t, pair);
-                    *out = look_up(lanes, &texels, s, t);
+    ) -> L::Floats {
+        let value = match reader {
+            Reader::Flat(value) => lanes.floats(*value),
+            Reader::Image(texels) => {
+                let s = weights.rows(lanes, st[0], pair);
+                let t = weights.rows(lanes, st[1], pair);
+                look_up(lanes, texels, s, t)
+            }
+            Reader::Kept(keys) => {
+                let mut two = [0.0; LANES];
+                block.two_rows(&keys[moment.from], pair, &mut two);
+                let from = lanes.load(&two);
+                if moment.from == moment.to {
+                    from
+                } else {
+                    block.two_rows(&keys[moment.to], pair, &mut two);
+                    moment.between_lanes(lanes, from, lanes.load(&two))
                 }
             }
-            Source::Kept(keys) => {
-                for (pair, out) in out.iter_mut().enumerate().take(pairs) {
-                    let mut two = [0.0; LANES];
-                    block.two_rows(&keys[moment.from], pair, &mut two);
-                    *out = lanes.load(&two);
-                    if moment.from != moment.to {
-                        block.two_rows(&keys[moment.to], pair, &mut two);
-                        *out = moment.between_lanes(lanes, *out, lanes.load(&two));
-                    }
-                }
-            }
-        }
-        let (scale, bias) = (lanes.floats(self.scale), lanes.floats(self.bias));
-        for out in &mut out {
-            *out = lanes.add(lanes.mul(*out, scale), bias);
-        }
-        out
+        };
+        let scaled = lanes.mul(value, lanes.floats(self.scale));
+        lanes.add(scaled, lanes.floats(self.bias))
     }
 
     /// The height at one micro-vertex, by column and row in the face: the clear twin of [`block`](Self::block).

@@ -70,7 +70,15 @@ impl Body for Vertices<'_> {
             moment,
         } = self;
         let mut to = Sheared::default();
-        tree.vertices(lanes, block, quad, moment, |p| p, &mut to);
+        let reader = tree.heights.reader();
+        tree.vertices(
+            lanes,
+            (&reader, block),
+            (quad, None),
+            moment,
+            |p| p,
+            &mut to,
+        );
         to
     }
 }

@@ -3,6 +3,7 @@
 use super::Dbvh;
 use super::block::{Block, Quad};
 use super::face::{FAN, Face, Patch, Span};
+use super::heights::Reader;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::quads::Sheared;
@@ -54,6 +55,7 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
         let face = tree.faces.first()?;
         let mut walk = Walk::<MOVES> {
             tree,
+            reader: tree.heights.reader(),
             number: 0,
             patch,
             face,
@@ -109,6 +111,7 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
 
 struct Walk<'a, const MOVES: bool> {
     tree: &'a Dbvh,
+    reader: Reader<'a>,
     /// The patch at hand.
     number: u32,
     patch: &'a Patch,
@@ -173,30 +176,42 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     fn blocks<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
         let ranges = &self.tree.ranges[self.patch.ranges as usize];
         let heights = self.tree.heights.ranges(lanes, ranges);
-        let [cx, cy, cz, rx, ry, rz] = shadows(lanes, self.face, &self.span, &self.quad, heights);
-        // Some forty roundings of what shearing may have doubled.
-        let rounding = 4.0 * self.ray.slack[3];
+        let rounding = self.rounding();
         let mut slack = lanes.floats(rounding);
         if self.face.has_kept {
             let border = self.border();
             let kept = lanes.floats(rounding + 2.0 * self.face.slack);
             slack = lanes.select(border, kept, slack);
         }
-        let (rx, ry, rz) = (
-            lanes.add(rx, slack),
-            lanes.add(ry, slack),
-            lanes.add(rz, slack),
-        );
+        let mut near = lanes.floats(self.ray.t_min);
+        let mut far = lanes.floats(self.ray.t_max);
+        let parts = Parts::new(lanes, self.face, &self.span, &self.quad, heights);
         let inverse = self.ray.inverse[self.ray.k[2]];
-        let t = lanes.mul(cz, lanes.floats(inverse));
-        let half = lanes.mul(rz, lanes.floats(inverse.abs()));
-        let near = lanes.max(lanes.sub(t, half), lanes.floats(self.ray.t_min));
-        let far = lanes.min(lanes.add(t, half), lanes.floats(self.ray.t_max));
+        parts.meet(lanes, slack, inverse, &mut near, &mut far);
         lanes.store(near, entries);
-        lanes.less_equal(lanes.abs(cx), rx)
-            & lanes.less_equal(lanes.abs(cy), ry)
-            & lanes.less_equal(near, far)
-            & self.span.there()
+        lanes.less_equal(near, far) & self.span.there()
+    }
+
+    /// A block's heights, and how far its vertices may be from where these put them.
+    #[inline(always)]
+    fn bound(&self, block: usize, span: &Span) -> Option<[f32; 3]> {
+        if self.span.is_single() {
+            return None;
+        }
+        let code = self.tree.ranges[self.patch.ranges as usize][block];
+        let [middle, half] = self.tree.heights.range(code);
+        let kept = if self.face.has_kept && self.face.is_border(self.patch.quad, span) {
+            2.0 * self.face.slack
+        } else {
+            0.0
+        };
+        Some([middle, half, self.rounding() + kept])
+    }
+
+    /// Some forty roundings of what shearing may have doubled.
+    #[inline(always)]
+    fn rounding(&self) -> f32 {
+        4.0 * self.ray.slack[3]
     }
 
     /// The children that touch the face's border, as bits.
@@ -232,12 +247,24 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         } else {
             self.span.child(block)
         };
+        let bound = self.bound(block, &span);
         let block = Block::new(self.tree, self.patch, &span);
         let mut sheared = Sheared::default();
         let shear = |p| shear_point(&self.ray, p);
-        (self.tree).vertices(lanes, &block, &self.quad, self.moment, shear, &mut sheared);
+        let rows = (self.tree).vertices(
+            lanes,
+            (&self.reader, &block),
+            (&self.quad, bound),
+            self.moment,
+            shear,
+            &mut sheared,
+        );
+        if rows == 0 {
+            return None;
+        }
         let interval = [self.world.t_min, self.world.t_max];
-        let met = sheared.nearest(lanes, span.cells, self.ray.s[2], interval)?;
+        let cells = spread(rows) * ((1 << span.cells[0]) - 1);
+        let met = sheared.nearest_of(lanes, cells, span.cells[1], self.ray.s[2], interval)?;
         Some(Met {
             hit: met.hit,
             patch: self.number,
@@ -246,6 +273,13 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             second: met.second,
         })
     }
+}
+
+/// Bits of a byte as the lowest bits of eight.
+#[inline(always)]
+fn spread(bits: u32) -> u64 {
+    let apart = u64::from(bits).wrapping_mul(0x8040_2010_0804_0201) & 0x8080_8080_8080_8080;
+    (apart >> 7).swap_bytes()
 }
 
 const COLUMN: [i32; LANES] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
@@ -282,6 +316,112 @@ pub(super) fn shadows<L: Lanes>(
         out[3 + k] = lanes.add(g.reach(lanes, &at), lanes.mul(half, thick));
     }
     out
+}
+
+/// What a span's children show, as parallelepipeds: `c + x a + y b + z n` with x, y in -1..1 and z in -half..half, but for
+/// what `off` adds along each axis.
+struct Parts<L: Lanes> {
+    c: [L::Floats; 3],
+    a: [L::Floats; 3],
+    b: [L::Floats; 3],
+    n: [L::Floats; 3],
+    off: [L::Floats; 3],
+    half: L::Floats,
+}
+
+impl<L: Lanes> Parts<L> {
+    /// With heights from middle - half to middle + half.
+    #[inline(always)]
+    fn new(
+        lanes: L,
+        face: &Face,
+        span: &Span,
+        quad: &Quad,
+        [middle, half]: [L::Floats; 2],
+    ) -> Self {
+        let at = Middles::new(lanes, face, span);
+        let zero = [lanes.floats(0.0); 3];
+        let mut parts = Self {
+            c: zero,
+            a: zero,
+            b: zero,
+            n: zero,
+            off: zero,
+            half,
+        };
+        for k in 0..3 {
+            let p = Slopes::new(lanes, &at, &quad.p[k]);
+            let n = Slopes::new(lanes, &at, &quad.n[k]);
+            parts.c[k] = lanes.add(p.value, lanes.mul(middle, n.value));
+            let du = lanes.add(p.du, lanes.mul(middle, n.du));
+            let dv = lanes.add(p.dv, lanes.mul(middle, n.dv));
+            let twist = lanes.add(p.twist, lanes.mul(middle, n.twist));
+            parts.a[k] = lanes.mul(du, at.ru);
+            parts.b[k] = lanes.mul(dv, at.rv);
+            parts.n[k] = n.value;
+            let bent = lanes.mul(lanes.abs(twist), at.ruv);
+            parts.off[k] = lanes.add(bent, lanes.mul(half, n.reach(lanes, &at)));
+        }
+        parts
+    }
+
+    /// Narrows the interval of a ray along the third axis, where `t` is z times `inverse`, to what is within the
+    /// parallelepipeds, and `slack` more along each axis.
+    #[inline(always)]
+    fn meet(
+        &self,
+        lanes: L,
+        slack: L::Floats,
+        inverse: f32,
+        near: &mut L::Floats,
+        far: &mut L::Floats,
+    ) {
+        let off = [
+            lanes.add(self.off[0], slack),
+            lanes.add(self.off[1], slack),
+            lanes.add(self.off[2], slack),
+        ];
+        let across_a = cross(lanes, &self.b, &self.n);
+        let across_b = cross(lanes, &self.n, &self.a);
+        let across_n = cross(lanes, &self.a, &self.b);
+        let volume = lanes.abs(dot(lanes, &self.n, &across_n));
+        let thick = lanes.mul(volume, self.half);
+        for (across, wide) in [(&across_a, volume), (&across_b, volume), (&across_n, thick)] {
+            // |across . (p - c)| <= wide, at p = (0, 0, z). Where a ray runs along two planes, or there are none, it is
+            // taken to cross them very far away: 1 more in width, less than the area of a micro-quad on the lattice,
+            // makes up for that.
+            const ALONG: f32 = 1e-12;
+            let size = [
+                lanes.abs(across[0]),
+                lanes.abs(across[1]),
+                lanes.abs(across[2]),
+            ];
+            let wide = lanes.add(lanes.add(wide, lanes.floats(1.0)), dot(lanes, &size, &off));
+            let is_along = lanes.less(size[2], lanes.floats(ALONG));
+            let z = lanes.select(is_along, lanes.floats(ALONG), across[2]);
+            let scale = lanes.div(lanes.floats(inverse), z);
+            let middle = lanes.mul(dot(lanes, across, &self.c), scale);
+            let reach = lanes.mul(wide, lanes.abs(scale));
+            // What is no number decides nothing.
+            *near = lanes.max(lanes.sub(middle, reach), *near);
+            *far = lanes.min(lanes.add(middle, reach), *far);
+        }
+    }
+}
+
+#[inline(always)]
+fn cross<L: Lanes>(lanes: L, a: &[L::Floats; 3], b: &[L::Floats; 3]) -> [L::Floats; 3] {
+    [
+        lanes.sub(lanes.mul(a[1], b[2]), lanes.mul(a[2], b[1])),
+        lanes.sub(lanes.mul(a[2], b[0]), lanes.mul(a[0], b[2])),
+        lanes.sub(lanes.mul(a[0], b[1]), lanes.mul(a[1], b[0])),
+    ]
+}
+
+#[inline(always)]
+fn dot<L: Lanes>(lanes: L, a: &[L::Floats; 3], b: &[L::Floats; 3]) -> L::Floats {
+    let xy = lanes.add(lanes.mul(a[0], b[0]), lanes.mul(a[1], b[1]));
+    lanes.add(xy, lanes.mul(a[2], b[2]))
 }
 
 /// The middles of a span's children, and half of their sizes, as parameters of the quad.
