@@ -48,13 +48,17 @@ impl Curve {
         begin: f64,
     ) -> (Self, ArrayVec<Piece, MOST_PIECES>) {
         let w = &span.weights;
-        let mut d = w.map(|w| w[0] + w[1] + w[2]);
-        let mut uv = [0, 1]
-            .map(|k| w.map(|w| w[0] * corners[0][k] + w[1] * corners[1][k] + w[2] * corners[2][k]));
-        // A ray that all but runs along the triangle: what is left of the middle are roundings, and may not lead astray.
-        let scale = 1.0 / d[0].max(d[2]);
-        for c in d.iter_mut().chain(uv.iter_mut().flatten()) {
-            *c *= scale;
+        let mut d = [0.0; 3];
+        let mut uv = [[0.0; 3]; 2];
+        let sum = |w: &[f64; 3]| w[0] + w[1] + w[2];
+        let scale = 1.0 / sum(&w[0]).max(sum(&w[2]));
+        for at in 0..3 {
+            for corner in 0..3 {
+                let weight = scale * w[at][corner];
+                d[at] += weight;
+                uv[0][at] += weight * corners[corner][0];
+                uv[1][at] += weight * corners[corner][1];
+            }
         }
         let mut cuts: ArrayVec<f64, 6> = ArrayVec::new();
         cuts.push(begin);
@@ -67,11 +71,10 @@ impl Curve {
                 n[2] * d[1] - n[1] * d[2],
             ];
             *falls = turns[0] + turns[1] + turns[2] < 0.0;
-            let grow = turns.map(|t| t >= 0.0);
-            if grow == [true; 3] || turns.iter().all(|&t| t <= 0.0) {
+            let [a, b, c] = turns;
+            if (a >= 0.0 && b >= 0.0 && c >= 0.0) || (a <= 0.0 && b <= 0.0 && c <= 0.0) {
                 continue;
             }
-            let [a, b, c] = turns;
             for s in quadratic(a - 2.0 * b + c, 2.0 * (b - a), a)
                 .into_iter()
                 .flatten()
@@ -106,10 +109,11 @@ impl Curve {
                 });
             }
         }
-        let powers = |[a, b, c]: [f64; 3]| [a, 2.0 * (b - a), a - 2.0 * b + c].map(|c| c as f32);
+        let powers =
+            |[a, b, c]: [f64; 3]| [a as f32, (2.0 * (b - a)) as f32, (a - 2.0 * b + c) as f32];
         let [from, to] = span.heights;
         let curve = Self {
-            uv: uv.map(powers),
+            uv: [powers(uv[0]), powers(uv[1])],
             d: powers(d),
             height: from as f32,
             grows: (to - from) as f32,

@@ -40,8 +40,7 @@ pub(super) fn first(
         sizes,
     };
     // Beyond the diagonal where this is positive.
-    let beyond = [0, 1, 2].map(|k| u[k] + v[k] - d[k]);
-    let [a, b, c] = beyond;
+    let [a, b, c] = [u[0] + v[0] - d[0], u[1] + v[1] - d[1], u[2] + v[2] - d[2]];
     if a <= 0.0 && b <= 0.0 && c <= 0.0 {
         return part.first(heights, false).map(|x| from + x * (to - from));
     }

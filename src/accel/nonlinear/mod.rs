@@ -158,16 +158,21 @@ impl Nonlinear {
     fn corners(&self, quad: &Quad, moment: &Moment) -> [[DVec3; 2]; 4] {
         let row = self.cuts as usize + 1;
         let all = self.corners.len() / self.keys as usize;
-        [0, 1, row, row + 1].map(|next| {
-            let at = |key: usize| self.corners[quad.corner as usize + next + key * all];
-            let from = at(moment.from).map(|v| v.as_dvec3());
+        let first = quad.corner as usize;
+        let at = |next: usize| {
+            let [p, n] = &self.corners[first + next + moment.from * all];
+            let from = [p.as_dvec3(), n.as_dvec3()];
             if moment.from == moment.to {
                 return from;
             }
-            let to = at(moment.to).map(|v| v.as_dvec3());
-            let [a, b] = moment.weights.map(f64::from);
-            [0, 1].map(|k| a * from[k] + b * to[k])
-        })
+            let [p, n] = &self.corners[first + next + moment.to * all];
+            let [a, b] = [f64::from(moment.weights[0]), f64::from(moment.weights[1])];
+            [
+                a * from[0] + b * p.as_dvec3(),
+                a * from[1] + b * n.as_dvec3(),
+            ]
+        };
+        [at(0), at(1), at(row), at(row + 1)]
     }
 
     /// The heights of a micro-quad's corners at a moment.
@@ -182,7 +187,9 @@ impl Nonlinear {
         let place = j as usize * stride + i as usize;
         let at = |key: usize| {
             let first = quad.heights as usize + key * quad.size.heights() + place;
-            [0, 1, stride, stride + 1].map(|next| f32::from(self.heights[first + next]))
+            let row = |at: usize| [f32::from(self.heights[at]), f32::from(self.heights[at + 1])];
+            let ([a, b], [c, d]) = (row(first), row(first + stride));
+            [a, b, c, d]
         };
         let from = at(moment.from);
         if moment.from == moment.to {

@@ -77,18 +77,20 @@ impl Sheared {
     #[inline(always)]
     pub(super) fn pole(&self, [p, n]: [DVec3; 2]) -> Pole {
         let p = p - self.origin;
-        let [x, y, z] = self.axes;
-        let sheared = |v: DVec3| {
-            [
-                v[x] - self.shear[0] * v[z],
-                v[y] - self.shear[1] * v[z],
-                v[z] * self.per_step,
-            ]
-        };
         Pole {
-            foot: sheared(p),
-            rise: sheared(n),
+            foot: self.sheared(p),
+            rise: self.sheared(n),
         }
+    }
+
+    #[inline(always)]
+    fn sheared(&self, v: DVec3) -> [f64; 3] {
+        let [x, y, z] = self.axes;
+        [
+            v[x] - self.shear[0] * v[z],
+            v[y] - self.shear[1] * v[z],
+            v[z] * self.per_step,
+        ]
     }
 }
 
@@ -118,13 +120,19 @@ impl Side {
     /// The same seen from the other side.
     #[inline(always)]
     pub(super) fn reversed(&self) -> Self {
-        Self(self.0.map(|c| -c))
+        Self([-self.0[0], -self.0[1], -self.0[2]])
     }
 
     #[inline(always)]
     fn at(&self, h: f64) -> f64 {
         let [a, b, c] = self.0;
         a + h * (b + h * c)
+    }
+
+    /// Its Bernstein coefficients between two heights.
+    #[inline(always)]
+    fn bernstein(&self, ends: [f64; 2]) -> [f64; 3] {
+        [self.at(ends[0]), self.between(ends), self.at(ends[1])]
     }
 
     /// Its middle Bernstein coefficient between two heights.
@@ -154,13 +162,16 @@ pub(super) fn spans(
     [low, high]: [f64; 2],
 ) -> ArrayVec<Span, MOST_SPANS> {
     let mut found = ArrayVec::new();
-    let bernstein = sides.map(|side| [side.at(low), side.between([low, high]), side.at(high)]);
-    let outside = |sign: f64| {
-        bernstein
-            .iter()
-            .any(|side| side.iter().all(|&b| sign * b < 0.0))
-    };
-    let possible = [!outside(1.0), !outside(-1.0)];
+    let bernstein = [
+        sides[0].bernstein([low, high]),
+        sides[1].bernstein([low, high]),
+        sides[2].bernstein([low, high]),
+    ];
+    let mut possible = [true; 2];
+    for [a, b, c] in &bernstein {
+        possible[0] &= !(*a < 0.0 && *b < 0.0 && *c < 0.0);
+        possible[1] &= !(*a > 0.0 && *b > 0.0 && *c > 0.0);
+    }
     if possible == [false; 2] {
         return found;
     }
@@ -168,8 +179,8 @@ pub(super) fn spans(
     let mut cuts: ArrayVec<Cut, 8> = ArrayVec::new();
     cuts.push(end(low));
     for (k, (side, bernstein)) in sides.iter().zip(&bernstein).enumerate() {
-        let above = bernstein.map(|b| b > 0.0);
-        if above == [true; 3] || above == [false; 3] {
+        let [p, q, r] = *bernstein;
+        if (p > 0.0) == (q > 0.0) && (q > 0.0) == (r > 0.0) {
             continue;
         }
         let [a, b, c] = side.0;
@@ -187,7 +198,11 @@ pub(super) fn spans(
     for pair in cuts.windows(2) {
         let [from, to] = [pair[0], pair[1]];
         let middle = 0.5 * (from.height + to.height);
-        let inside = sides.map(|side| side.at(middle));
+        let inside = [
+            sides[0].at(middle),
+            sides[1].at(middle),
+            sides[2].at(middle),
+        ];
         let sign = match inside {
             _ if possible[0] && inside.iter().all(|&u| u >= 0.0) => 1.0,
             _ if possible[1] && inside.iter().all(|&u| u <= 0.0) => -1.0,
@@ -202,7 +217,7 @@ pub(super) fn spans(
 
 #[inline(always)]
 fn span(corners: [&Pole; 3], sides: &[Side; 3], ends: [Cut; 2], sign: f64) -> Option<Span> {
-    let mut heights = ends.map(|end| end.height);
+    let mut heights = [ends[0].height, ends[1].height];
     // By end, or the middle, and corner.
     let mut weights = [[0.0; 3]; 3];
     let mut t = [0.0; 2];
@@ -221,12 +236,15 @@ fn span(corners: [&Pole; 3], sides: &[Side; 3], ends: [Cut; 2], sign: f64) -> Op
         if !(sum > 0.0) {
             return None;
         }
-        t[e] = (0..3)
-            .map(|k| weights[2 * e][k] * corners[k].t(end.height))
-            .sum::<f64>()
-            / sum;
+        let mut along = 0.0;
+        for k in 0..3 {
+            along += weights[2 * e][k] * corners[k].t(end.height);
+        }
+        t[e] = along / sum;
     }
-    weights[1] = [0, 1, 2].map(|k| sign * sides[k].between(heights));
+    for k in 0..3 {
+        weights[1][k] = sign * sides[k].between(heights);
+    }
     if t[1] < t[0] {
         heights.swap(0, 1);
         t.swap(0, 1);

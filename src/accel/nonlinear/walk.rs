@@ -139,26 +139,60 @@ struct Tables {
     turned: [Nibbles; 4],
 }
 
-impl Tables {
-    fn new() -> Self {
-        let of =
-            |number: fn(u8) -> u8| Nibbles::new(std::array::from_fn(|lane| number(lane as u8)));
-        Self {
-            begin: [of(|c| c % 4), of(|c| 8 + c / 4)],
-            end: [of(|c| c % 4 + 1), of(|c| 8 + c / 4 + 1)],
-            turned: [of(|c| c), of(|c| c ^ 3), of(|c| c ^ 12), of(|c| c ^ 15)],
+static TABLES: Tables = {
+    let mut tables = [[0; LANES]; 8];
+    let mut lane = 0;
+    while lane < LANES {
+        let c = lane as u8;
+        let all = [
+            c % 4,
+            8 + c / 4,
+            c % 4 + 1,
+            8 + c / 4 + 1,
+            c,
+            c ^ 3,
+            c ^ 12,
+            c ^ 15,
+        ];
+        let mut table = 0;
+        while table < all.len() {
+            tables[table][lane] = all[table];
+            table += 1;
         }
+        lane += 1;
     }
+    let [a, b, c, d, e, f, g, h] = tables;
+    Tables {
+        begin: [Nibbles::new(a), Nibbles::new(b)],
+        end: [Nibbles::new(c), Nibbles::new(d)],
+        turned: [
+            Nibbles::new(e),
+            Nibbles::new(f),
+            Nibbles::new(g),
+            Nibbles::new(h),
+        ],
+    }
+};
+
+/// Half of the lanes each.
+#[inline(always)]
+fn halves<L: Lanes>(lanes: L, u: f32, v: f32) -> L::Floats {
+    let mut both = [u; LANES];
+    both[LANES / 2..].fill(v);
+    lanes.load(&both)
 }
 
-static TABLES: std::sync::LazyLock<Tables> = std::sync::LazyLock::new(Tables::new);
+/// `c + s (b + s a)`.
+#[inline(always)]
+fn value<L: Lanes>(lanes: L, [c, b, a]: [L::Floats; 3], s: L::Floats) -> L::Floats {
+    lanes.add(c, lanes.mul(s, lanes.add(b, lanes.mul(s, a))))
+}
 
 /// A piece of a curve, made ready for lines: quadratics less `c` times other ones are zero where it passes the line of
 /// u or v of `c`, and grow there.
 struct Lined<'a, L: Lanes> {
     curve: &'a Curve,
     piece: Piece,
-    tables: &'static Tables,
     own: [L::Floats; 3],
     common: [L::Floats; 3],
     lines: L::Floats,
@@ -168,32 +202,31 @@ struct Lined<'a, L: Lanes> {
 
 impl<'a, L: Lanes> Lined<'a, L> {
     #[inline(always)]
-    fn new(
-        lanes: L,
-        curve: &'a Curve,
-        piece: Piece,
-        sizes: [usize; 2],
-        tables: &'static Tables,
-    ) -> Self {
-        let signs = piece.falls.map(|falls| if falls { -1.0 } else { 1.0 });
-        let halves = |u: f32, v: f32| {
-            let mut both = [u; LANES];
-            both[LANES / 2..].fill(v);
-            lanes.load(&both)
-        };
-        let own = [0, 1, 2].map(|k| halves(signs[0] * curve.uv[0][k], signs[1] * curve.uv[1][k]));
-        let common = [0, 1, 2].map(|k| halves(signs[0] * curve.d[k], signs[1] * curve.d[k]));
+    fn new(lanes: L, curve: &'a Curve, piece: Piece, sizes: [usize; 2]) -> Self {
+        let sign = |falls: bool| if falls { -1.0 } else { 1.0 };
+        let (su, sv) = (sign(piece.falls[0]), sign(piece.falls[1]));
+        let [u, v] = &curve.uv;
+        let d = &curve.d;
+        let own = [
+            halves(lanes, su * u[0], sv * v[0]),
+            halves(lanes, su * u[1], sv * v[1]),
+            halves(lanes, su * u[2], sv * v[2]),
+        ];
+        let common = [
+            halves(lanes, su * d[0], sv * d[0]),
+            halves(lanes, su * d[1], sv * d[1]),
+            halves(lanes, su * d[2], sv * d[2]),
+        ];
         let mut lines = [0.0; LANES];
         lines[..8].copy_from_slice(&LINES[usize::from(piece.falls[0])]);
         lines[8..].copy_from_slice(&LINES[usize::from(piece.falls[1])]);
         Self {
             curve,
             piece,
-            tables,
             own,
             common,
             lines: lanes.load(&lines),
-            sizes: halves(sizes[0] as f32, sizes[1] as f32),
+            sizes: halves(lanes, sizes[0] as f32, sizes[1] as f32),
         }
     }
 
@@ -201,18 +234,15 @@ impl<'a, L: Lanes> Lined<'a, L> {
     #[inline(always)]
     fn children(&self, lanes: L, node: &Node) -> [L::Floats; 2] {
         let side = (1_u32 << (2 * node.level)) as f32;
-        let mut firsts = [node.first[0] as f32; LANES];
-        firsts[LANES / 2..].fill(node.first[1] as f32);
-        let lines = lanes.add(
-            lanes.mul(self.lines, lanes.floats(side)),
-            lanes.load(&firsts),
-        );
+        let firsts = halves(lanes, node.first[0] as f32, node.first[1] as f32);
+        let lines = lanes.add(lanes.mul(self.lines, lanes.floats(side)), firsts);
         // A curve along the quad's border must not count as beyond it.
         let lines = lanes.if_less(lines, self.sizes, lines, lanes.floats(FAR));
-        let [c, b, a] = [0, 1, 2].map(|k| lanes.sub(self.own[k], lanes.mul(lines, self.common[k])));
+        let c = lanes.sub(self.own[0], lanes.mul(lines, self.common[0]));
+        let b = lanes.sub(self.own[1], lanes.mul(lines, self.common[1]));
+        let a = lanes.sub(self.own[2], lanes.mul(lines, self.common[2]));
         let zero = lanes.floats(0.0);
         let (from, to) = (lanes.floats(node.from), lanes.floats(node.to));
-        let value = |s| lanes.add(c, lanes.mul(s, lanes.add(b, lanes.mul(s, a))));
         let discriminant = lanes.sub(
             lanes.mul(b, b),
             lanes.mul(lanes.floats(4.0), lanes.mul(a, c)),
@@ -228,26 +258,27 @@ impl<'a, L: Lanes> Lined<'a, L> {
         let denominator = lanes.if_less(b, zero, lanes.add(a, a), lanes.add(b, root));
         let met = lanes.div(numerator, denominator);
         let met = lanes.max(lanes.min(met, to), from);
-        let met = lanes.if_less(value(to), zero, to, met);
-        let met = lanes.if_less(zero, value(from), from, met);
-        let [begin, end] = [&self.tables.begin, &self.tables.end]
-            .map(|tables| [lanes.pick(&tables[0], met), lanes.pick(&tables[1], met)]);
-        [lanes.max(begin[0], begin[1]), lanes.min(end[0], end[1])]
+        let met = lanes.if_less(value(lanes, [c, b, a], to), zero, to, met);
+        let met = lanes.if_less(zero, value(lanes, [c, b, a], from), from, met);
+        let Tables { begin, end, .. } = &TABLES;
+        [
+            lanes.max(lanes.pick(&begin[0], met), lanes.pick(&begin[1], met)),
+            lanes.min(lanes.pick(&end[0], met), lanes.pick(&end[1], met)),
+        ]
     }
 
     /// Which of them the curve is within the heights of.
     #[inline(always)]
     fn within(&self, lanes: L, [begin, end]: [L::Floats; 2], [low, high]: [L::Floats; 2]) -> u32 {
-        let turned = &self.tables.turned
-            [usize::from(self.piece.falls[0]) + 2 * usize::from(self.piece.falls[1])];
+        let [u, v] = self.piece.falls;
+        let turned = &TABLES.turned[usize::from(u) + 2 * usize::from(v)];
         let (low, high) = (lanes.pick(turned, low), lanes.pick(turned, high));
-        let height = |s| {
-            lanes.add(
-                lanes.floats(self.curve.height),
-                lanes.mul(s, lanes.floats(self.curve.grows)),
-            )
-        };
-        let (h0, h1) = (height(begin), height(end));
+        let (h, grows) = (
+            lanes.floats(self.curve.height),
+            lanes.floats(self.curve.grows),
+        );
+        let h0 = lanes.add(h, lanes.mul(begin, grows));
+        let h1 = lanes.add(h, lanes.mul(end, grows));
         let slack = lanes.floats(SLACK);
         lanes.less(begin, end)
             & lanes.less_equal(lanes.sub(low, slack), lanes.max(h0, h1))
@@ -284,14 +315,18 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     #[inline(always)]
     fn quad<L: Lanes>(&self, lanes: L, number: u32) -> Option<Met> {
         let quad = &self.of.quads[number as usize];
-        let poles = self
-            .of
-            .corners(quad, self.moment)
-            .map(|corner| self.sheared.pole(corner));
+        let [a, b, c, d] = self.of.corners(quad, self.moment);
+        let poles = [
+            self.sheared.pole(a),
+            self.sheared.pole(b),
+            self.sheared.pole(c),
+            self.sheared.pole(d),
+        ];
         let [a, b, c, d] = &poles;
         let diagonal = Side::new(b, c);
         let heights = [f64::from(quad.low) - 1.0, f64::from(quad.high) + 1.0];
-        let [nu, nv] = quad.size.quads().map(|n| n as f64);
+        let [nu, nv] = quad.size.quads();
+        let (nu, nv) = (nu as f64, nv as f64);
         let triangles = [
             (
                 [a, b, c],
@@ -345,13 +380,12 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         pieces: &ArrayVec<Piece, MOST_PIECES>,
         t_max: f32,
     ) -> Option<Met> {
-        let tables: &'static Tables = &TABLES;
         let [nu, nv] = quad.size.quads();
         let stride = nu + 1;
         let sizes = nu.max(nv) as f32;
         let level = quad.size.root();
         for piece in pieces {
-            let lined = Lined::new(lanes, curve, *piece, [nu, nv], tables);
+            let lined = Lined::new(lanes, curve, *piece, [nu, nv]);
             let mut waiting: ArrayVec<Node, MOST_WAITING> = ArrayVec::new();
             waiting.push(Node {
                 level,
@@ -378,7 +412,10 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
                         let child = lined.child(lane);
                         waiting.push(Node {
                             level: node.level - 1,
-                            first: [0, 1].map(|k| node.first[k] + (child[k] << (2 * node.level))),
+                            first: [
+                                node.first[0] + (child[0] << (2 * node.level)),
+                                node.first[1] + (child[1] << (2 * node.level)),
+                            ],
                             from: from[lane],
                             to: to[lane],
                         });
@@ -389,9 +426,9 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
                     let lane = hits.trailing_zeros() as usize;
                     hits &= hits - 1;
                     let child = lined.child(lane);
-                    let cell = [0, 1].map(|k| node.first[k] + child[k]);
+                    let cell = [node.first[0] + child[0], node.first[1] + child[1]];
                     let heights = self.cell(quad, cell, stride);
-                    let at = cell.map(|x| x as f32);
+                    let at = [cell[0] as f32, cell[1] as f32];
                     let Some(s) = micro::first(curve, at, sizes, &heights, from[lane], to[lane])
                     else {
                         continue;
@@ -426,32 +463,59 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         node: &Node,
         stride: usize,
     ) -> [L::Floats; 2] {
-        let at = |key: usize| {
-            if node.level > 0 {
-                let place = quad.ranges as usize
-                    + key * quad.size.ranges()
-                    + quad.size.place(node.level, node.first);
-                let ranges = &self.of.ranges[place];
-                return [&ranges.low, &ranges.high].map(|r| lanes.to_floats(lanes.shorts(r)));
-            }
-            let first = quad.heights as usize + key * quad.size.heights();
-            let first = first + node.first[1] as usize * stride + node.first[0] as usize;
-            let corner = |offset: usize| {
-                let rows = [0, 1, 2, 3].map(|row| first + offset + row * stride);
-                lanes.to_floats(lanes.fours(&self.of.heights, rows))
-            };
-            let [a, b, c, d] = [corner(0), corner(1), corner(stride), corner(stride + 1)];
-            [
-                lanes.min(lanes.min(a, b), lanes.min(c, d)),
-                lanes.max(lanes.max(a, b), lanes.max(c, d)),
-            ]
-        };
-        let from = at(self.moment.from);
+        let from = self.ranges_at(lanes, quad, node, stride, self.moment.from);
         if !MOVES {
             return from;
         }
-        let to = at(self.moment.to);
-        [0, 1].map(|k| self.moment.between_lanes(lanes, from[k], to[k]))
+        let to = self.ranges_at(lanes, quad, node, stride, self.moment.to);
+        [
+            self.moment.between_lanes(lanes, from[0], to[0]),
+            self.moment.between_lanes(lanes, from[1], to[1]),
+        ]
+    }
+
+    /// The same at a motion key.
+    #[inline(always)]
+    fn ranges_at<L: Lanes>(
+        &self,
+        lanes: L,
+        quad: &Quad,
+        node: &Node,
+        stride: usize,
+        key: usize,
+    ) -> [L::Floats; 2] {
+        if node.level > 0 {
+            let place = quad.ranges as usize
+                + key * quad.size.ranges()
+                + quad.size.place(node.level, node.first);
+            let ranges = &self.of.ranges[place];
+            return [
+                lanes.to_floats(lanes.shorts(&ranges.low)),
+                lanes.to_floats(lanes.shorts(&ranges.high)),
+            ];
+        }
+        let first = quad.heights as usize + key * quad.size.heights();
+        let first = first + node.first[1] as usize * stride + node.first[0] as usize;
+        let a = self.square(lanes, first, stride);
+        let b = self.square(lanes, first + 1, stride);
+        let c = self.square(lanes, first + stride, stride);
+        let d = self.square(lanes, first + stride + 1, stride);
+        [
+            lanes.min(lanes.min(a, b), lanes.min(c, d)),
+            lanes.max(lanes.max(a, b), lanes.max(c, d)),
+        ]
+    }
+
+    /// Four heights of each of four rows.
+    #[inline(always)]
+    fn square<L: Lanes>(&self, lanes: L, first: usize, stride: usize) -> L::Floats {
+        let rows = [
+            first,
+            first + stride,
+            first + 2 * stride,
+            first + 3 * stride,
+        ];
+        lanes.to_floats(lanes.fours(&self.of.heights, rows))
     }
 
     /// The heights of a micro-quad's corners.
@@ -502,5 +566,9 @@ fn begin(span: &Span, corners: [&Pole; 3], t_min: f64) -> f64 {
 fn along(poles: &[Pole; 4], uv: [f32; 2], quad: &Quad, height: f32) -> f32 {
     let weights = quad.weights(uv);
     let height = f64::from(height);
-    (0..4).map(|k| weights[k] * poles[k].t(height)).sum::<f64>() as f32
+    let mut t = 0.0;
+    for k in 0..4 {
+        t += weights[k] * poles[k].t(height);
+    }
+    t as f32
 }

@@ -142,14 +142,16 @@ pub(super) struct Nibbles([u8; LANES / 2]);
 
 impl Nibbles {
     /// Of numbers below 16.
-    pub(super) fn new(numbers: [u8; LANES]) -> Self {
-        let mut nibbles = Self::default();
-        for (lane, number) in numbers.into_iter().enumerate() {
-            assert!(number < 16, "{number} does not fit four bits");
+    pub(super) const fn new(numbers: [u8; LANES]) -> Self {
+        let mut nibbles = [0; LANES / 2];
+        let mut lane = 0;
+        while lane < LANES {
+            assert!(numbers[lane] < 16, "four bits each");
             let (byte, shift) = Self::place(lane);
-            nibbles.0[byte] |= number << shift;
+            nibbles[byte] |= numbers[lane] << shift;
+            lane += 1;
         }
-        nibbles
+        Self(nibbles)
     }
 
     /// The number of a lane.
@@ -161,7 +163,7 @@ impl Nibbles {
 
     /// Its byte, and the bits in it that precede it.
     #[inline(always)]
-    fn place(lane: usize) -> (usize, usize) {
+    const fn place(lane: usize) -> (usize, usize) {
         let nibble = LANES / 2 * (lane % 2) + lane / 2;
         (nibble / 2, nibble % 2 * 4)
     }

@@ -67,15 +67,18 @@ fn windows(bytes: &[u8], rows: [usize; 2], width: u32) -> (&'static Fields, [*co
 
 /// Four shorts from each of four places, two places to a register.
 #[inline(always)]
-fn four_places(values: &[u16], places: [usize; 4]) -> [__m128i; 2] {
-    let four = |place: usize| {
-        let four: &[u16; 4] = values[place..place + 4].try_into().expect("four of them");
-        // SAFETY: every x86-64 processor has SSE2; 8 bytes are there.
-        unsafe { _mm_loadl_epi64(four.as_ptr().cast()) }
-    };
-    let [a, b, c, d] = places.map(four);
-    // SAFETY: likewise; no memory is touched.
+fn four_places(values: &[u16], [a, b, c, d]: [usize; 4]) -> [__m128i; 2] {
+    let (a, b) = (four(values, a), four(values, b));
+    let (c, d) = (four(values, c), four(values, d));
+    // SAFETY: every x86-64 processor has SSE2; no memory is touched.
     unsafe { [_mm_unpacklo_epi64(a, b), _mm_unpacklo_epi64(c, d)] }
+}
+
+#[inline(always)]
+fn four(values: &[u16], place: usize) -> __m128i {
+    let four = &values[place..place + 4];
+    // SAFETY: every x86-64 processor has SSE2; 8 bytes are there.
+    unsafe { _mm_loadl_epi64(four.as_ptr().cast()) }
 }
 
 impl Lanes for Avx512 {
@@ -382,13 +385,18 @@ impl Lanes for Avx2 {
         then: [__m256; 2],
         otherwise: [__m256; 2],
     ) -> [__m256; 2] {
-        [0, 1].map(|i| {
-            op!(_mm256_blendv_ps(
-                otherwise[i],
-                then[i],
-                _mm256_cmp_ps::<_CMP_LT_OQ>(a[i], b[i])
-            ))
-        })
+        op!([
+            _mm256_blendv_ps(
+                otherwise[0],
+                then[0],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[0], b[0])
+            ),
+            _mm256_blendv_ps(
+                otherwise[1],
+                then[1],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[1], b[1])
+            ),
+        ])
     }
     #[inline(always)]
     fn add_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
