@@ -84,8 +84,9 @@ pub fn quadratic<T: Real>(a: T, b: T, c: T) -> [Option<T>; 2] {
         return [(b != zero).then(|| -c / b), None];
     }
     let discriminant = T::difference_of_products(b, b, T::of(4.0) * a, c);
-    // Not a number, too.
-    if !(discriminant >= zero) {
+    // False for what is not a number, too.
+    let is_real = discriminant >= zero;
+    if !is_real {
         return [None; 2];
     }
     let root = discriminant.sqrt();

@@ -111,7 +111,8 @@ pub(super) fn ranges(size: Size, heights: &[u16], out: &mut Vec<Ranges>) {
             let node = y / 4 * wide + x / 4;
             above[node] = join(above[node], range);
             let shift = 2 * level + 2;
-            let place = size.place(level, [(x / 4 << shift) as u32, (y / 4 << shift) as u32]);
+            let first_of = [x / 4, y / 4].map(|n| (n << shift) as u32);
+            let place = size.place(level, first_of);
             let ranges = &mut out[first + place];
             let child = 4 * (y % 4) + x % 4;
             (ranges.low[child], ranges.high[child]) = range;

@@ -233,7 +233,7 @@ fn span(corners: [&Pole; 3], sides: &[Side; 3], ends: [Cut; 2], sign: f64) -> Op
             weights[2 * e][k] = u;
             sum += u;
         }
-        if !(sum > 0.0) {
+        if sum.is_nan() || sum <= 0.0 {
             return None;
         }
         let mut along = 0.0;
