@@ -10,10 +10,10 @@ use crate::surface::{
 
 /// How far micro-vertices may lie beside the displaced limit points of their parameters, in micro-edges, before faces are
 /// cut into more quads.
-const MOST_ASIDE: f64 = 0.5;
+const MOST_ASIDE: f64 = 0.25;
 
 /// Of the places that are looked at, so many may lie farther off.
-const OUTLIERS: f64 = 0.02;
+const OUTLIERS: f64 = 0.01;
 
 /// A surface and what it is made of.
 pub(super) struct Sheets<'a> {

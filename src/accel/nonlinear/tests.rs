@@ -263,7 +263,9 @@ proptest! {
                 }
                 (None, None, Some(hit)) => {
                     let cos = hit.normal.normalize().dot(ray.direction.normalize()).abs();
-                    prop_assert!(cos < 0.3, "{hit:?} on nothing");
+                    // Along the quad's own border rays are let in by a rounding, so that none passes between two quads.
+                    let to_border = hit.uv.min(1.0 - hit.uv).min_element();
+                    prop_assert!(cos < 0.3 || to_border < 1e-3, "{hit:?} on nothing");
                 }
                 _ => {}
             }
