@@ -14,6 +14,7 @@ mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
 mod top;
+mod traversal;
 mod triangle;
 mod trimmed;
 mod waiting;

@@ -104,10 +104,16 @@ impl FaceGrid {
     /// Column and row of the three corners of the grid's triangle `triangle`, counted within the grid. They run
     /// counterclockwise in the face's parameters.
     pub fn corners(&self, triangle: u64) -> [(u16, u16); 3] {
+        let ((i, j), second) = self.cell(triangle);
+        cell_corners(i, j, second)
+    }
+
+    /// The column and row of a triangle's cell, and whether it is the second one there.
+    fn cell(&self, triangle: u64) -> ((u16, u16), bool) {
         let cell = triangle / 2;
         let columns = u64::from(self.size[0]);
-        let (i, j) = ((cell % columns) as u16, (cell / columns) as u16);
-        cell_corners(i, j, triangle % 2 == 1)
+        let place = ((cell % columns) as u16, (cell / columns) as u16);
+        (place, triangle % 2 == 1)
     }
 
     /// How many triangles it has.
@@ -292,7 +298,8 @@ impl Grids {
 impl FaceGrid {
     /// The face's parameters of a point of the grid's triangle `triangle`, by its barycentric weights.
     pub fn triangle_uv(&self, triangle: u64, uv: Vec2) -> Vec2 {
-        self.uv_of(self.corners(triangle), uv)
+        let (cell, second) = self.cell(triangle);
+        self.cell_uv(cell, second, uv)
     }
 
     /// The same for the first or the second triangle of the quad in column `i` of row `j`.
@@ -300,22 +307,14 @@ impl FaceGrid {
     pub fn cell_uv(&self, (i, j): (u16, u16), second: bool, uv: Vec2) -> Vec2 {
         let [nu, nv] = self.size;
         if self.segments != [nu, nv, nu, nv] {
-            return self.uv_of(cell_corners(i, j, second), uv);
+            let [a, b, c] = cell_corners(i, j, second).map(|(i, j)| self.vertex_uv(i, j));
+            let at = (1.0 - uv.x - uv.y) * a + uv.x * b + uv.y * c;
+            return at.clamp(Vec2::ZERO, Vec2::ONE);
         }
         // The second triangle runs back from the far corner.
         let within = if second { 1.0 - uv } else { uv };
         let at = Vec2::new(f32::from(i), f32::from(j)) + within;
         (at / Vec2::new(f32::from(nu), f32::from(nv))).clamp(Vec2::ZERO, Vec2::ONE)
-    }
-
-    #[inline]
-    fn uv_of(&self, [a, b, c]: [(u16, u16); 3], uv: Vec2) -> Vec2 {
-        let [a, b, c] = [
-            self.vertex_uv(a.0, a.1),
-            self.vertex_uv(b.0, b.1),
-            self.vertex_uv(c.0, c.1),
-        ];
-        ((1.0 - uv.x - uv.y) * a + uv.x * b + uv.y * c).clamp(Vec2::ZERO, Vec2::ONE)
     }
 
     /// The triangle at the face's parameters and its barycentric weights there; none where borders are snapped to other

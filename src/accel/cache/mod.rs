@@ -30,7 +30,8 @@ use std::sync::{Arc, Mutex};
 
 use segments::{Asked, Cache, Entries, Line, Visit};
 
-use super::compact::{Accuracy, Patches, Skeleton, View, any, nearest};
+use super::compact::{Accuracy, Patches, Skeleton, Through, View};
+use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray};
 use crate::stats::CacheUse;
@@ -203,11 +204,11 @@ impl Intersector for Cached {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        nearest(&mut self.visiting(), ray)
+        nearest(&mut Through(self.visiting()), ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        any(&mut self.visiting(), ray)
+        any(&mut Through(self.visiting()), ray)
     }
 
     fn memory(&self) -> usize {

@@ -38,6 +38,7 @@ mod traverse;
 
 use mapped::Items;
 
+use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray};
 pub use accuracy::{Accuracy, MaxError};
@@ -47,7 +48,7 @@ pub(super) use build::{lattice, reach};
 pub(super) use patch::{Node, Patch, SPAN, pack};
 pub(super) use skeleton::{Face, Skeleton};
 pub use stored::Keep;
-pub(super) use traverse::{Patches, View, any, nearest};
+pub(super) use traverse::{Patches, Through, View};
 
 /// How to compress.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -126,11 +127,11 @@ impl Intersector for Compact {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        nearest(&mut &*self, ray)
+        nearest(&mut Through(self), ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        any(&mut &*self, ray)
+        any(&mut Through(self), ray)
     }
 
     fn memory(&self) -> usize {

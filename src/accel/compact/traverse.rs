@@ -8,7 +8,8 @@ use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::quads::{QuadHit, Sheared};
-use crate::accel::simd::{Body, LANES, Lanes, NARROW};
+use crate::accel::simd::{Isa, LANES, Lanes, NARROW};
+use crate::accel::traversal::Traversal;
 use crate::accel::triangle::TriangleHit;
 use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::{DVec3, Ray};
@@ -46,6 +47,45 @@ impl View<'_> {
         };
         Head::read(self.data, at, self.fan.cells_of(block).map(|n| n + 1))
     }
+
+    /// The corners of a triangle on the lattice, where they are at a time.
+    #[inline(always)]
+    fn corners<L: Lanes, const MOVES: bool>(
+        &self,
+        lanes: L,
+        met: &Met,
+        moment: &Moment,
+    ) -> [DVec3; 3] {
+        let [columns, _] = self.fan.cells_of(met.block);
+        let (column, row) = (met.cell % SIDE, met.cell / SIDE);
+        let head = self.head(met.block, moment.from);
+        let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
+        let mut at = planes.next(lanes, self.data, [row, row + 1]);
+        if MOVES {
+            let head = self.head(met.block, moment.to);
+            let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
+            let to = planes.next(lanes, self.data, [row, row + 1]);
+            at = [
+                moment.between_lanes(lanes, at[0], to[0]),
+                moment.between_lanes(lanes, at[1], to[1]),
+                moment.between_lanes(lanes, at[2], to[2]),
+            ];
+        }
+        let mut stored = [[0.0; LANES]; 3];
+        for (stored, at) in stored.iter_mut().zip(at) {
+            lanes.store(at, stored);
+        }
+        let [x, y, z] = &stored;
+        let corner = |c: usize| {
+            let c = column + c;
+            DVec3::new(x[c].into(), y[c].into(), z[c].into())
+        };
+        if met.second {
+            [corner(SIDE + 1), corner(SIDE), corner(1)]
+        } else {
+            [corner(0), corner(1), corner(SIDE)]
+        }
+    }
 }
 
 /// Where patches come from.
@@ -56,104 +96,38 @@ pub(in crate::accel) trait Patches<'s> {
     fn enter(&mut self, number: u32) -> View<'_>;
 }
 
-/// The nearest hit.
-#[inline]
-pub(in crate::accel) fn nearest<'s, P: Patches<'s>>(patches: &mut P, ray: &Ray) -> Option<Hit> {
-    let skeleton = patches.skeleton();
-    if skeleton.keys == 1 {
-        skeleton.isa.run(Nearest::<false, P> { patches, ray })
-    } else {
-        skeleton.isa.run(Nearest::<true, P> { patches, ray })
-    }
-}
+/// A surface whose patches come from anywhere.
+pub(in crate::accel) struct Through<P>(pub(in crate::accel) P);
 
-/// Whether there is any.
-#[inline]
-pub(in crate::accel) fn any<'s, P: Patches<'s>>(patches: &mut P, ray: &Ray) -> bool {
-    let skeleton = patches.skeleton();
-    let met = if skeleton.keys == 1 {
-        skeleton.isa.run(Trace::<true, false, P> { patches, ray })
-    } else {
-        skeleton.isa.run(Trace::<true, true, P> { patches, ray })
-    };
-    met.is_some()
-}
-
-/// All that is to be known of the nearest triangle.
-struct Nearest<'a, const MOVES: bool, P> {
-    patches: &'a mut P,
-    ray: &'a Ray,
-}
-
-impl<'s, const MOVES: bool, P: Patches<'s>> Body for Nearest<'_, MOVES, P> {
-    type Output = Option<Hit>;
+impl<'s, P: Patches<'s>> Traversal for Through<P> {
+    type Met = Met;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
-        let Self { patches, ray } = self;
-        let trace = Trace::<false, MOVES, P> {
-            patches: &mut *patches,
-            ray,
-        };
-        let met = trace.run(lanes)?;
+    fn isa(&self) -> Isa {
+        self.0.skeleton().isa
+    }
+
+    #[inline(always)]
+    fn moves(&self) -> bool {
+        self.0.skeleton().keys > 1
+    }
+
+    #[inline(always)]
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, lanes: L, ray: &Ray, met: &Met) -> Hit {
+        let Self(patches) = self;
         let skeleton = patches.skeleton();
         let moment = Moment::new(skeleton.keys, ray.time);
-        let corners = corners::<L, MOVES>(lanes, &patches.enter(met.patch), &met, &moment);
-        Some(skeleton.hit(ray, &met, corners))
+        let corners = (patches.enter(met.patch)).corners::<L, MOVES>(lanes, met, &moment);
+        skeleton.hit(ray, met, corners)
     }
-}
-
-/// The corners of a triangle on the lattice, where they are at a time.
-#[inline(always)]
-fn corners<L: Lanes, const MOVES: bool>(
-    lanes: L,
-    view: &View<'_>,
-    met: &Met,
-    moment: &Moment,
-) -> [DVec3; 3] {
-    let [columns, _] = view.fan.cells_of(met.block);
-    let (column, row) = (met.cell % SIDE, met.cell / SIDE);
-    let head = view.head(met.block, moment.from);
-    let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-    let mut at = planes.next(lanes, view.data, [row, row + 1]);
-    if MOVES {
-        let head = view.head(met.block, moment.to);
-        let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-        let to = planes.next(lanes, view.data, [row, row + 1]);
-        at = [
-            moment.between_lanes(lanes, at[0], to[0]),
-            moment.between_lanes(lanes, at[1], to[1]),
-            moment.between_lanes(lanes, at[2], to[2]),
-        ];
-    }
-    let mut stored = [[0.0; LANES]; 3];
-    for (stored, at) in stored.iter_mut().zip(at) {
-        lanes.store(at, stored);
-    }
-    let [x, y, z] = &stored;
-    let corner = |c: usize| {
-        let c = column + c;
-        DVec3::new(x[c].into(), y[c].into(), z[c].into())
-    };
-    if met.second {
-        [corner(SIDE + 1), corner(SIDE), corner(1)]
-    } else {
-        [corner(0), corner(1), corner(SIDE)]
-    }
-}
-
-/// The nearest triangle, or `ANY` one.
-struct Trace<'a, const ANY: bool, const MOVES: bool, P> {
-    patches: &'a mut P,
-    ray: &'a Ray,
-}
-
-impl<'s, const ANY: bool, const MOVES: bool, P: Patches<'s>> Body for Trace<'_, ANY, MOVES, P> {
-    type Output = Option<Met>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self { patches, ray } = self;
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &mut self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let Self(patches) = self;
         let skeleton = patches.skeleton();
         let root = skeleton.top.root()?;
         let moment = Moment::new(skeleton.keys, ray.time);

@@ -43,6 +43,7 @@ use super::lattice::Lattice;
 use super::moment::Moment;
 use super::simd::Isa;
 use super::top::Top;
+use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, Ray, Vec2};
 use crate::stats::AchievedError;
@@ -117,8 +118,9 @@ impl Compressed {
         from.on_the_way(&at(moment.to), moment)
     }
 
+    /// What a ray met on a leaf.
     #[inline(always)]
-    fn hit(&self, ray: &Ray, met: &Met) -> Hit {
+    fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {
         let patch = &self.patches[met.patch as usize];
         let leaf = self.leaf(patch, met.tile, met.leaf, &Moment::new(self.keys, ray.time));
         let at = (ray.at(met.t) - self.lattice.anchor) * (1.0 / self.lattice.step);
@@ -178,11 +180,11 @@ impl Intersector for Compressed {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        self.nearest(ray)
+        nearest(&mut &*self, ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        self.any(ray)
+        any(&mut &*self, ray)
     }
 
     fn memory(&self) -> usize {

@@ -10,8 +10,10 @@ use super::tile::{MOST_QUADS, leaves, there};
 use super::*;
 use crate::accel::Tessellated;
 use crate::accel::lattice::Extent;
+use crate::accel::simd::Portable;
 use crate::accel::tests::random_ray;
 use crate::accel::top::Child;
+use crate::accel::traversal::Traversal;
 use crate::math::{DVec3, Vec3};
 use crate::surface::tests::shapes::{Patches, Random};
 use crate::surface::tests::{closed, displacements, effort, leaks, mixed, surface};
@@ -264,7 +266,11 @@ fn instruction_sets_agree_and_hits_are_in_their_slabs() {
                     let Some(hit) = expected else { continue };
                     hits += 1;
                     assert!(hit.normal.is_finite() && hit.normal != Vec3::ZERO);
-                    let met = tree.nearest_leaf(&ray).expect("as before");
+                    let met = match (&tree).moves() {
+                        true => (&mut &tree).meet::<_, false, true>(Portable, &ray),
+                        false => (&mut &tree).meet::<_, false, false>(Portable, &ray),
+                    };
+                    let met = met.expect("as before");
                     let patch = &tree.patches[met.patch as usize];
                     let moment = Moment::new(tree.keys, ray.time);
                     let leaf = tree.leaf(patch, met.tile, met.leaf, &moment);

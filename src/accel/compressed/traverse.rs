@@ -12,13 +12,14 @@ use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::simd::{Body, LANES, Lanes, Nibbles};
+use crate::accel::simd::{Isa, LANES, Lanes, Nibbles};
+use crate::accel::traversal::Traversal;
 use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met a leaf.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Met {
+pub(in crate::accel) struct Met {
     pub(super) t: f32,
     pub(super) patch: u32,
     /// The tile in the patch, and the leaf in the tile.
@@ -26,63 +27,31 @@ pub(super) struct Met {
     pub(super) leaf: usize,
 }
 
-impl Compressed {
-    /// The nearest hit.
-    #[inline]
-    pub(super) fn nearest(&self, ray: &Ray) -> Option<Hit> {
-        if self.keys == 1 {
-            self.isa.run(Nearest(Trace::<false, false>(self, ray)))
-        } else {
-            self.isa.run(Nearest(Trace::<false, true>(self, ray)))
-        }
-    }
-
-    /// Whether there is any.
-    #[inline]
-    pub(super) fn any(&self, ray: &Ray) -> bool {
-        if self.keys == 1 {
-            self.isa.run(Trace::<true, false>(self, ray)).is_some()
-        } else {
-            self.isa.run(Trace::<true, true>(self, ray)).is_some()
-        }
-    }
-}
-
-#[cfg(test)]
-impl Compressed {
-    /// The nearest leaf.
-    pub(super) fn nearest_leaf(&self, ray: &Ray) -> Option<Met> {
-        if self.keys == 1 {
-            self.isa.run(Trace::<false, false>(self, ray))
-        } else {
-            self.isa.run(Trace::<false, true>(self, ray))
-        }
-    }
-}
-
-/// The nearest leaf, or `ANY` one.
-struct Trace<'a, const ANY: bool, const MOVES: bool>(&'a Compressed, &'a Ray);
-
-/// All that is to be known of the nearest leaf.
-struct Nearest<'a, const MOVES: bool>(Trace<'a, false, MOVES>);
-
-impl<const MOVES: bool> Body for Nearest<'_, MOVES> {
-    type Output = Option<Hit>;
+impl Traversal for &Compressed {
+    type Met = Met;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Hit> {
-        let Trace(tree, ray) = self.0;
-        let met = self.0.run(lanes)?;
-        Some(tree.hit(ray, &met))
+    fn isa(&self) -> Isa {
+        self.isa
     }
-}
-
-impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
-    type Output = Option<Met>;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self(tree, ray) = self;
+    fn moves(&self) -> bool {
+        self.keys > 1
+    }
+
+    #[inline(always)]
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
+        self.hit_on(ray, met)
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &mut self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let tree = *self;
         let root = tree.top.root()?;
         let moment = Moment::new(tree.keys, ray.time);
         let lattice_ray = LatticeRay::new(&tree.lattice, ray, tree.reach);
