@@ -123,7 +123,7 @@ impl FaceGrid {
 }
 
 /// Where border vertex `x` of `n` goes on an edge of `c` segments, `c <= n`: monotone, 0 to 0 and `n` to `c`.
-pub(crate) fn snapped(x: u16, n: u16, c: u16) -> u16 {
+fn snapped(x: u16, n: u16, c: u16) -> u16 {
     let (x, n, c) = (u32::from(x), u32::from(n), u32::from(c));
     ((2 * x + 1) * c / (2 * n)) as u16
 }

@@ -30,7 +30,6 @@ pub use base::{
 pub use bicubic::Bicubic;
 
 pub use crate::image::{FROM_BYTE, Fold, TexelKind, Texels};
-pub(crate) use dice::snapped;
 pub use dice::{Diced, FaceGrid, Grids};
 pub use displace::{
     Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,

@@ -130,16 +130,6 @@ impl Rates {
         Self::new(surface, segments, |_| [1; 2])
     }
 
-    /// By what each face needs along u and v: an edge has what the neediest of its faces does.
-    pub(super) fn by_face(surface: &Surface, needs: &[[u32; 2]]) -> Self {
-        let of_edge = |edge: u32| {
-            let sides = surface.adjacency.edge(edge);
-            let need = sides.map(|side| needs[side.face as usize][(side.k % 2) as usize]);
-            need.max().unwrap_or(1)
-        };
-        Self::new(surface, of_edge, |face| needs[face as usize])
-    }
-
     /// By the length of micro-edges on the screen.
     pub fn on_screen(surface: &Surface, places: &Places<'_>, dicing: &Dicing) -> Self {
         Measure::new(surface, places, dicing).rates()

@@ -49,7 +49,8 @@ pub struct TracedSurface {
     pub bytes: usize,
     /// How far the method moved micro-vertices, if it did.
     pub accuracy: Option<Accuracy>,
-    /// How thick the slabs are that the method has instead of micro-triangles, if it has.
+    /// How thick the slabs are that the method has instead of micro-triangles, or how far its own surface is from the
+    /// displaced limit surface, if it has one.
     pub thick: Option<AchievedError>,
 }
 
@@ -258,6 +259,7 @@ impl Method {
             }
             Self::Dbvh => {
                 let tree = Dbvh::build(surface, rates, &DbvhOptions::default(), how.go_on)?;
+                thick = Some(tree.achieved());
                 of_hit(tree, surface, device)?
             }
             Self::Nonlinear => {

@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec2, Vec3};
 use crate::surface::{
     Amount, Displacement, DisplacementPoint, FaceGrid, MOST_SEGMENTS, Rates, Region, Shell,
-    Surface, Torn, UvRect,
+    ShellTolerance, Surface, Torn, UvRect,
 };
 
 /// Patches that are in work at once.
@@ -95,11 +95,20 @@ impl Dbvh {
             }
         };
         let base = surface.base();
-        let shell = Shell::new(surface, &options.tolerance);
+        let mut source = source(surface, amount);
+        let heights = match (options.heights, amount) {
+            (Some(heights), _) => heights,
+            (None, None) => [0.0; 2],
+            (None, Some(amount)) => heights(surface, amount, &source),
+        };
+        let tolerance = ShellTolerance {
+            heights,
+            ..options.tolerance
+        };
+        let shell = Shell::new(surface, rates, &tolerance);
         let mut faces: Vec<Face> = (shell.grids().iter())
             .map(|grid| diced(surface, rates, grid))
             .collect();
-        let mut source = source(surface, amount);
         if !go_on(0.1) {
             return Err(Error::Interrupted);
         }
@@ -110,7 +119,7 @@ impl Dbvh {
             amount,
             source: &source,
         };
-        let kept = edges::keep(base, &shell, &values, &mut faces);
+        let kept = edges::keep(base, rates, &shell, &values, &mut faces);
         let range = range(&source);
         let of = |value: f32| amount.map_or(0.0, |amount| amount.scale * value + amount.bias);
         let highest = of(range[0]).abs().max(of(range[1]).abs());
@@ -143,6 +152,7 @@ impl Dbvh {
             patches: Vec::new(),
             ranges: Vec::new(),
             shell: shell.achieved(),
+            pixels_per_unit: rates.pixels_per_unit(),
         };
         drop(shell);
         tree.heights.encode(range);
@@ -292,23 +302,14 @@ fn at_key(key: usize) -> Moment {
     }
 }
 
-/// How many micro-quads a face's quads have: what its own rates come to, rounded; along its edges that of the edge.
+/// How many micro-quads a face's quads have: what its rates come to, rounded.
 fn diced(surface: &Surface, rates: &Rates, grid: &FaceGrid) -> Face {
-    let base = surface.base();
-    let share = |all: u32, parts: u16| {
-        let each = (f64::from(all) / f64::from(parts)).round();
-        each.clamp(1.0, f64::from(MOST_SEGMENTS)) as u16
-    };
-    let pieces = [0, 1, 2, 3].map(|k: u32| {
-        let all = rates.edge(base.edge(grid.face, k).edge);
-        share(all, grid.segments[k as usize])
-    });
     let within = rates.face(grid.face);
     let cells = [0, 1].map(|k| {
-        let own = share(within[k], grid.size[k]);
-        own.max(pieces[k]).max(pieces[k + 2])
+        let each = (f64::from(within[k]) / f64::from(grid.size[k])).round();
+        each.clamp(1.0, f64::from(MOST_SEGMENTS)) as u16
     });
-    edges::face(base, grid, cells, pieces)
+    edges::face(surface.base(), grid, cells)
 }
 
 /// Where heights come from. What is kept of them is not yet there.
@@ -336,6 +337,42 @@ fn source(surface: &Surface, amount: Option<&Amount>) -> Source {
         Some(value) if faces.all(|other| other == first) => Source::Flat(value),
         _ => Source::Kept(Vec::new()),
     }
+}
+
+/// The least and the greatest height that a surface has, or about that where the map has no bounds.
+fn heights(surface: &Surface, amount: &Amount, source: &Source) -> [f32; 2] {
+    let of = |value: f32| amount.scale * value + amount.bias;
+    if !matches!(source, Source::Kept(_)) {
+        let [a, b] = range(source).map(of);
+        return [a.min(b), a.max(b)];
+    }
+    let base = surface.base();
+    let of_face = |face: u32| {
+        let bound = amount.map.bound(&Region {
+            face,
+            rect: UvRect::UNIT,
+            st: None,
+        });
+        let bound = bound.map(|bound| [of(bound.min.x), of(bound.max.x)]);
+        if let Some([a, b]) = bound.filter(|[a, b]| a.is_finite() && b.is_finite()) {
+            return [a.min(b), a.max(b)];
+        }
+        // How far it is moved here and there.
+        const AT: [f32; 4] = [0.125, 0.375, 0.625, 0.875];
+        let places = AT.into_iter().flat_map(|v| AT.map(|u| Vec2::new(u, v)));
+        let far = places.map(|uv| {
+            let limit = base.first_order(face, uv, 0).position;
+            surface.evaluate(face, uv, 0).position.distance(limit)
+        });
+        let far = far.fold(0.0, f32::max);
+        [-far, far]
+    };
+    let union = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+    (0..base.faces())
+        .into_par_iter()
+        .filter(|&face| !base.is_hole(face))
+        .map(of_face)
+        .reduce(|| [0.0; 2], union)
 }
 
 /// The least and the greatest value.

@@ -1,8 +1,9 @@
 //! Edges along which faces cannot compute the same points: these are kept.
 //!
-//! So it is at creases and seams, where the faces' normals or texture coordinates differ; where an edge has fewer
-//! segments than a face beside it; and where heights are not a matter of texture coordinates. A kept point is the edge's
-//! own, with the mean of the displacements that the faces have there.
+//! So it is at creases and seams, where the faces' normals or texture coordinates differ; where the faces at an edge are
+//! not cut alike; and where heights are not a matter of texture coordinates. A kept point is the mean of what the faces
+//! have there. There are no more of them than any of the faces has micro-vertices, which go to the nearest one, as in
+//! [dicing](crate::surface::Diced).
 
 use std::ops::Range;
 
@@ -11,7 +12,7 @@ use rayon::prelude::*;
 use super::build::Values;
 use super::face::{Face, NONE, Side, share};
 use crate::math::{Vec2, Vec3};
-use crate::surface::{Base, FaceGrid, Shell, Torn, edge_uv, snapped};
+use crate::surface::{Base, FaceGrid, Rates, Shell, Torn, edge_uv};
 
 /// Points that are kept: by motion key, in the space of the surface.
 pub(super) type Kept = Vec<Vec<Vec3>>;
@@ -35,6 +36,7 @@ struct Own {
 /// Decides what is kept, notes it in the faces, and makes the points.
 pub(super) fn keep(
     base: &dyn Base,
+    rates: &Rates,
     shell: &Shell,
     values: &Values<'_>,
     faces: &mut [Face],
@@ -60,27 +62,30 @@ pub(super) fn keep(
 
     // Which edges and vertices.
     let mut kept_vertices = vec![false; vertices.last().map_or(0, |v| v.number as usize + 1)];
-    let mut kept_edges: Vec<(Range<usize>, u32)> = Vec::new();
+    let mut kept_edges: Vec<(Range<usize>, u16, u32)> = Vec::new();
     let mut count = 0_u32;
     for range in groups(&edges) {
         let group = &edges[range.clone()];
         let collapsed = group
             .iter()
             .any(|used| faces[used.face as usize].sides[used.k as usize].collapsed);
-        let uneven = group.iter().any(|used| {
-            let face = &faces[used.face as usize];
-            let (side, axis) = (&face.sides[used.k as usize], used.k as usize % 2);
-            side.segments != face.quads[axis] || side.pieces != face.cells[axis]
-        });
+        let along = |used: &Use| {
+            let (face, axis) = (&faces[used.face as usize], used.k as usize % 2);
+            [face.quads[axis], face.cells[axis]]
+        };
+        let uneven = group.iter().any(|used| along(used) != along(&group[0]));
         let torn = matters(shell.torn_edge(group[0].number));
         if collapsed || group.len() > 1 && (uneven || torn) {
             for end in 0..2 {
                 kept_vertices[vertex_of(&group[0], end) as usize] = true;
             }
             if !collapsed {
-                let side = &faces[group[0].face as usize].sides[group[0].k as usize];
-                kept_edges.push((range, count));
-                count += u32::from(side.segments) * u32::from(side.pieces) - 1;
+                // As many as the edge is to have, and no more than any of its faces has there.
+                let all = |used: &Use| along(used).map(u32::from).iter().product();
+                let least = group.iter().map(all).min().unwrap_or(1);
+                let segments = rates.edge(group[0].number).min(least);
+                kept_edges.push((range, segments as u16, count));
+                count += segments - 1;
             }
         }
     }
@@ -96,22 +101,19 @@ pub(super) fn keep(
     // Their points.
     let keys = 0..shell.keys();
     let mean = |own: &[Own]| {
-        let sum: Vec3 = own.iter().map(|own| own.displacement).sum();
-        own[0].position + sum / own.len() as f32
+        let sum: Vec3 = own.iter().map(|own| own.position + own.displacement).sum();
+        sum / own.len() as f32
     };
     let kept = keys
         .map(|key| {
-            let of_edge = |(range, _): &(Range<usize>, u32)| -> Vec<Vec3> {
-                let group = &edges[range.clone()];
-                let Side {
-                    segments, pieces, ..
-                } = faces[group[0].face as usize].sides[group[0].k as usize];
-                let lines: Vec<Line<'_>> = (group.iter())
+            let of_edge = |(range, segments, _): &(Range<usize>, u16, u32)| -> Vec<Vec3> {
+                let lines: Vec<Line<'_>> = (edges[range.clone()].iter())
                     .map(|used| Line::new(shell, values, &faces[used.face as usize], used, key))
                     .collect();
-                (1..usize::from(segments) * usize::from(pieces))
+                (1..*segments)
                     .map(|sample| {
-                        mean(&lines.iter().map(|line| line.at(sample)).collect::<Vec<_>>())
+                        let t = f32::from(sample) / f32::from(*segments);
+                        mean(&lines.iter().map(|line| line.at(t)).collect::<Vec<_>>())
                     })
                     .collect()
             };
@@ -129,9 +131,10 @@ pub(super) fn keep(
         .collect();
 
     // Where faces find them.
-    for (range, first) in kept_edges {
+    for (range, segments, first) in kept_edges {
         for used in &edges[range] {
-            faces[used.face as usize].sides[used.k as usize].first = first;
+            let side = &mut faces[used.face as usize].sides[used.k as usize];
+            (side.first, side.segments) = (first, segments);
         }
     }
     for (range, first) in ends {
@@ -155,69 +158,54 @@ fn groups(uses: &[Use]) -> impl Iterator<Item = Range<usize>> {
         })
 }
 
-/// A face's corners of quads along one of its sides.
+/// A face along one of its sides.
 struct Line<'a> {
     values: &'a Values<'a>,
     shell: &'a Shell,
     grid: FaceGrid,
-    side: Side,
+    reversed: bool,
     k: u32,
     key: u32,
-    /// At each corner of the edge's quads, from the side's corner on.
-    numbers: Vec<usize>,
 }
 
 impl<'a> Line<'a> {
     fn new(shell: &'a Shell, values: &'a Values<'a>, face: &Face, used: &Use, key: u32) -> Self {
-        let grid = shell.grids()[used.face as usize];
-        let side = face.sides[used.k as usize];
-        let [nu, nv] = grid.size;
-        let n = grid.size[used.k as usize % 2];
-        let mut numbers = vec![0; usize::from(side.segments) + 1];
-        // Backwards, so that of several in one place the first one stays.
-        for x in (0..=n).rev() {
-            let (i, j) = match used.k {
-                0 => (x, 0),
-                1 => (nu, x),
-                2 => (nu - x, nv),
-                _ => (0, nv - x),
-            };
-            numbers[usize::from(snapped(x, n, side.segments))] = grid.vertex(i, j) as usize;
-        }
         Self {
             values,
             shell,
-            grid,
-            side,
+            grid: shell.grids()[used.face as usize],
+            reversed: face.sides[used.k as usize].reversed,
             k: used.k,
             key,
-            numbers,
         }
+    }
+
+    /// The number of the corner of quads in place `x` from the side's corner on.
+    fn number(&self, x: u16) -> usize {
+        let [nu, nv] = self.grid.size;
+        let (i, j) = match self.k {
+            0 => (x, 0),
+            1 => (nu, x),
+            2 => (nu - x, nv),
+            _ => (0, nv - x),
+        };
+        self.grid.vertex(i, j) as usize
     }
 
     /// At the side's corner.
     fn first(&self) -> Own {
-        self.own([self.numbers[0]; 2], [1.0, 0.0], 0.0)
+        self.own([self.number(0); 2], [1.0, 0.0], 0.0)
     }
 
-    /// At a sample of the edge, in its own direction.
-    fn at(&self, sample: usize) -> Own {
-        let pieces = usize::from(self.side.pieces);
-        let all = usize::from(self.side.segments) * pieces;
-        let sample = if self.side.reversed {
-            all - sample
-        } else {
-            sample
-        };
-        let (segment, within) = (sample / pieces, sample % pieces);
-        let share = share(self.side.pieces);
-        let weights = [pieces - within, within].map(|n| (n as f32 * share).min(1.0));
-        let ends = [segment, (segment + 1).min(self.numbers.len() - 1)];
-        self.own(
-            ends.map(|s| self.numbers[s]),
-            weights,
-            sample as f32 / all as f32,
-        )
+    /// At a part of the edge, in its own direction.
+    fn at(&self, t: f32) -> Own {
+        let t = if self.reversed { 1.0 - t } else { t };
+        let n = self.grid.size[self.k as usize % 2];
+        let along = t * f32::from(n);
+        let quad = (along as u16).min(n - 1);
+        let within = along - f32::from(quad);
+        let ends = [quad, quad + 1].map(|x| self.number(x));
+        self.own(ends, [1.0 - within, within], t)
     }
 
     fn own(&self, ends: [usize; 2], [a, b]: [f32; 2], t: f32) -> Own {
@@ -239,11 +227,10 @@ impl<'a> Line<'a> {
 }
 
 /// Faces before anything of their borders is kept.
-pub(super) fn face(base: &dyn Base, grid: &FaceGrid, cells: [u16; 2], pieces: [u16; 4]) -> Face {
+pub(super) fn face(base: &dyn Base, grid: &FaceGrid, cells: [u16; 2]) -> Face {
     let side = |k: u32| Side {
         first: NONE,
-        segments: grid.segments[k as usize],
-        pieces: pieces[k as usize],
+        segments: 0,
         reversed: base.edge(grid.face, k).reversed,
         collapsed: base.is_collapsed(grid.face, k),
     };

@@ -2,7 +2,7 @@
 
 use crate::accel::quads::CELLS;
 use crate::math::Vec2;
-use crate::surface::snapped;
+use crate::surface::edge_uv;
 
 /// Blocks along a patch's side.
 pub(super) const FAN: usize = 4;
@@ -49,9 +49,8 @@ pub(super) struct Side {
     /// The first of them within the edge, in its own direction; [`NONE`] if they are computed. An edge that is but a
     /// point has none: it is its corner.
     pub(super) first: u32,
-    /// Segments between corners of quads, and of each of these.
+    /// The edge's, if they are kept: no more than there are micro-quads along it.
     pub(super) segments: u16,
-    pub(super) pieces: u16,
     pub(super) reversed: bool,
     pub(super) collapsed: bool,
 }
@@ -91,6 +90,17 @@ pub(super) fn share(n: u16) -> f32 {
         near
     } else {
         near.next_up()
+    }
+}
+
+/// The side of a grid of so many columns and rows of cells that a vertex is on, and where along it, from its corner on.
+fn on_side([i, j]: [usize; 2], [nu, nv]: [usize; 2]) -> Option<(usize, usize)> {
+    match (i, j) {
+        (i, 0) => Some((0, i)),
+        (i, j) if j == nv => Some((2, nu - i)),
+        (0, j) => Some((3, nv - j)),
+        (i, j) if i == nu => Some((1, j)),
+        _ => None,
     }
 }
 
@@ -138,14 +148,18 @@ impl Face {
         span
     }
 
-    /// The face's parameters of a micro-vertex of a quad.
+    /// The face's parameters of a micro-vertex of a quad, where it was snapped to.
     #[inline]
     pub(super) fn uv(&self, quad: [u16; 2], at: [usize; 2]) -> Vec2 {
-        let along = |k: usize| {
-            let n = usize::from(self.cells[k]);
-            (usize::from(quad[k]) * n + at[k]) as f32 / (usize::from(self.quads[k]) * n) as f32
-        };
-        Vec2::new(along(0), along(1))
+        let at = [0, 1].map(|k| usize::from(quad[k]) * usize::from(self.cells[k]) + at[k]);
+        let whole = self.micro_vertices().map(|n| n - 1);
+        if self.has_kept
+            && let Some((k, x)) = on_side(at, whole)
+            && let Some((sample, all)) = self.kept_sample(k, x)
+        {
+            return edge_uv(k as u32, f32::from(sample) / f32::from(all));
+        }
+        Vec2::from([0, 1].map(|k| at[k] as f32 / whole[k] as f32))
     }
 
     /// Whether a part of a quad touches the face's border.
@@ -180,6 +194,19 @@ impl Face {
         }
     }
 
+    /// The sample of side `k`, from its corner on, that micro-vertex `x` along it is, and how many there are; none if
+    /// its points are computed.
+    #[inline]
+    fn kept_sample(&self, k: usize, x: usize) -> Option<(u16, u16)> {
+        let side = &self.sides[k];
+        if side.collapsed || side.first == NONE {
+            return None;
+        }
+        let all = u32::from(self.quads[k % 2]) * u32::from(self.cells[k % 2]);
+        let sample = (2 * x as u64 + 1) * u64::from(side.segments) / (2 * u64::from(all));
+        Some((sample as u16, side.segments))
+    }
+
     /// The kept point of micro-vertex `x` along side `k`, not of its ends.
     #[inline]
     fn kept_on(&self, k: usize, x: usize) -> u32 {
@@ -187,24 +214,12 @@ impl Face {
         if side.collapsed {
             return self.vertices[k];
         }
-        if side.first == NONE {
-            return NONE;
-        }
-        let (quads, n) = (self.quads[k % 2], usize::from(self.cells[k % 2]));
-        let quad = (x / n).min(usize::from(quads) - 1);
-        let [from, to] = [quad, quad + 1].map(|x| snapped(x as u16, quads, side.segments));
-        let pieces = usize::from(side.pieces);
-        let within = if from < to {
-            usize::from(snapped((x - quad * n) as u16, n as u16, side.pieces))
-        } else {
-            0
-        };
-        let all = usize::from(side.segments) * pieces;
-        match usize::from(from) * pieces + within {
-            0 => self.vertices[k],
-            sample if sample == all => self.vertices[(k + 1) % 4],
-            sample if side.reversed => side.first + (all - sample - 1) as u32,
-            sample => side.first + sample as u32 - 1,
+        match self.kept_sample(k, x) {
+            None => NONE,
+            Some((0, _)) => self.vertices[k],
+            Some((sample, all)) if sample == all => self.vertices[(k + 1) % 4],
+            Some((sample, all)) if side.reversed => side.first + u32::from(all - sample - 1),
+            Some((sample, _)) => side.first + u32::from(sample) - 1,
         }
     }
 }

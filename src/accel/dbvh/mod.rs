@@ -23,7 +23,7 @@
 //! from it), displaced by bilinear look-ups at micro-vertices, S = P + h N with P, N and st bilinear between a quad's
 //! corners; two triangles for each micro-quad. Micro-vertices are as many as by other methods, but for rounding to whole
 //! ones a quad. Neighbours compute what they share in the same arithmetic from the same corners, so that it has the same
-//! bits. Where they cannot, since an edge is a crease or a seam or has fewer segments than a face beside it, the
+//! bits. Where they cannot, since an edge is a crease or a seam or the faces beside it are not cut alike, the
 //! displaced points along it are kept, for all faces to take: the mean of what each has there, as in
 //! [`SharedSamples`](crate::surface::SharedSamples).
 //!
@@ -54,6 +54,7 @@ use super::simd::Isa;
 use super::top::Top;
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
+use crate::stats::AchievedError;
 use crate::surface::{ShellError, ShellTolerance};
 use face::{Corner, Face, Patch};
 use heights::Heights;
@@ -62,8 +63,11 @@ use traverse::Met;
 /// How to build.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct DbvhOptions {
-    /// How far the quads may be from the limit surface.
+    /// How far the quads, and what heights make of them, may be from the limit surface and what heights make of that.
     pub tolerance: ShellTolerance,
+    /// The least and the greatest height for which this is to hold, in units of the surface's points; those that the
+    /// surface has if there are none.
+    pub heights: Option<[f32; 2]>,
 }
 
 /// A surface whose micro-geometry is computed where rays pass.
@@ -88,12 +92,28 @@ pub struct Dbvh {
     /// Of the blocks of patches that have more than one.
     ranges: Vec<heights::Ranges>,
     shell: ShellError,
+    /// Pixels that a unit covers at the closest view; none where no pixels are known.
+    pixels_per_unit: Option<f32>,
 }
 
 impl Dbvh {
     /// How far the quads are from the limit surface, in units of its points.
     pub fn shell(&self) -> ShellError {
         self.shell
+    }
+
+    /// How far what is traced is from the displaced limit surface at the same parameters, along its normal. Where the
+    /// image is looked up may be off by a little beside that: see [`ShellError::shift`].
+    pub fn achieved(&self) -> AchievedError {
+        let diagonal = f64::from(self.shell.diagonal.max(f32::MIN_POSITIVE));
+        AchievedError {
+            max_diagonals: f64::from(self.shell.displaced) / diagonal,
+            rms_diagonals: f64::from(self.shell.rms) / diagonal,
+            max_pixels: self
+                .pixels_per_unit
+                .map(|p| f64::from(p * self.shell.displaced)),
+            vertices: self.shell.places,
+        }
     }
 
     /// How many micro-triangles rays may meet.

@@ -18,7 +18,7 @@ use crate::surface::tests::leaks::{self, Solid};
 use crate::surface::tests::shapes::{Patches, Random, noise};
 use crate::surface::tests::{amount, closed, displacements, effort, mixed, surface};
 use crate::surface::{
-    Amount, Channels, Diced, Displacement, Function, ImageMap, Rates, Space, Surface,
+    Amount, Channels, Diced, Displacement, Function, ImageMap, Rates, Shell, Space, Surface,
 };
 
 fn usual(surface: &Surface, rates: &Rates) -> Dbvh {
@@ -194,6 +194,153 @@ fn every_instruction_set_hits_what_single_triangles_do() {
             }
         }
     }
+}
+
+/// A value of a map in double precision.
+fn value(source: &heights::Source, face: &Face, at: [usize; 2], st: [f64; 2]) -> f64 {
+    match source {
+        heights::Source::Flat(value) => f64::from(*value),
+        heights::Source::Kept(keys) => {
+            let number = at[1] * face.micro_vertices()[0] + at[0];
+            f64::from(keys[0][face.first_height as usize + number])
+        }
+        heights::Source::Image(image) => {
+            let texels = image.texels();
+            let [(x, fx), (y, fy)] = [0, 1].map(|axis| {
+                let at = st[axis] * f64::from(texels.size[axis]) - 0.5;
+                (at.floor(), at - at.floor())
+            });
+            let four = texels.four(x as i64, y as i64);
+            let [low, high] = four.map(|[a, b]| {
+                let (a, b) = (f64::from(a), f64::from(b));
+                a + (b - a) * fx
+            });
+            low + (high - low) * fy
+        }
+    }
+}
+
+/// All micro-triangles by the method's own definition, in double precision: P + h N, all three bilinear between the
+/// corners of the shell's quads, h by the map. What edges keep is as it is kept.
+fn defined(tree: &Dbvh, shell: &Shell, amount: Option<&Amount>) -> Vec<[DVec3; 3]> {
+    let mut triangles = Vec::new();
+    let lattice = &tree.lattice;
+    let vertex = |face: &Face, [i, j]: [usize; 2]| -> DVec3 {
+        let kept = face.kept([i, j]);
+        if face.has_kept && kept != face::NONE {
+            let on_lattice = Vec3::from(tree.kept[0][kept as usize]).as_dvec3();
+            return lattice.anchor.as_dvec3() + lattice.step() * on_lattice;
+        }
+        let along = [(i, 0), (j, 1)].map(|(at, k)| {
+            let n = usize::from(face.cells[k]);
+            let quad = (at / n).min(usize::from(face.quads[k]) - 1);
+            (quad as u16, (at - quad * n) as f64 / n as f64)
+        });
+        let [(qi, u), (qj, v)] = along;
+        let weights = [(1.0 - u) * (1.0 - v), u * (1.0 - v), (1.0 - u) * v, u * v];
+        let corners = face.corners([qi, qj]);
+        let of = |value: &dyn Fn(usize) -> DVec3| -> DVec3 {
+            (0..4).map(|c| weights[c] * value(corners[c])).sum()
+        };
+        let position = of(&|c| shell.points(0)[c].position.as_dvec3());
+        let normal = of(&|c| shell.points(0)[c].normal.as_dvec3());
+        let st = of(&|c| tree.st[c].extend(0.0).as_dvec3());
+        let height = amount.map_or(0.0, |amount| {
+            let value = value(&tree.heights.source, face, [i, j], [st.x, st.y]);
+            f64::from(amount.scale) * value + f64::from(amount.bias)
+        });
+        position + height * normal
+    };
+    for face in &tree.faces {
+        let [columns, rows] = face.micro_vertices();
+        let all: Vec<DVec3> = (0..rows)
+            .flat_map(|j| (0..columns).map(move |i| [i, j]))
+            .map(|at| vertex(face, at))
+            .collect();
+        for (i, j) in (0..rows - 1).flat_map(|j| (0..columns - 1).map(move |i| (i, j))) {
+            let at = |i: usize, j: usize| all[j * columns + i];
+            let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i, j + 1), at(i + 1, j + 1)];
+            triangles.extend([[a, b, c], [d, c, b]]);
+        }
+    }
+    triangles
+}
+
+/// The distance from a point to a triangle: to its plane, where that is met within it, or to its sides.
+fn distance(p: DVec3, [a, b, c]: [DVec3; 3]) -> f64 {
+    let to_side = |from: DVec3, to: DVec3| {
+        let along = to - from;
+        let t = (p - from).dot(along) / along.length_squared().max(f64::MIN_POSITIVE);
+        p.distance(from + t.clamp(0.0, 1.0) * along)
+    };
+    let normal = (b - a).cross(c - a);
+    let within = [(a, b), (b, c), (c, a)]
+        .iter()
+        .all(|(from, to)| (*to - *from).cross(p - *from).dot(normal) >= 0.0);
+    let sides = to_side(a, b).min(to_side(b, c)).min(to_side(c, a));
+    if within && normal.length_squared() > 0.0 {
+        sides.min((p - a).dot(normal).abs() / normal.length())
+    } else {
+        sides
+    }
+}
+
+/// Where rays hit is what is defined, to a hundred thousandth of the shape's size.
+#[test]
+fn hits_are_on_what_is_defined() {
+    let cases: Vec<_> = closed()
+        .into_iter()
+        .flat_map(|(shape, base)| {
+            scalars(0.1)
+                .into_iter()
+                .map(move |kind| (shape, base.clone(), kind))
+        })
+        .collect();
+    let far: f64 = cases
+        .par_iter()
+        .map(|(shape, base, (kind, displacement))| {
+            let surface = surface(base.clone(), displacement.clone());
+            let rates = mixed(&surface);
+            let options = DbvhOptions {
+                heights: Some([-0.1, 0.1]),
+                ..DbvhOptions::default()
+            };
+            let tree = Dbvh::build(&surface, &rates, &options, &|_| true).expect("it is built");
+            let tolerance = ShellTolerance {
+                heights: [-0.1, 0.1],
+                ..options.tolerance
+            };
+            let shell = Shell::new(&surface, &rates, &tolerance);
+            assert_eq!(shell.achieved(), tree.shell());
+            let amount = match surface.displacement() {
+                Displacement::Scalar(amount) => Some(amount),
+                _ => None,
+            };
+            let triangles = defined(&tree, &shell, amount);
+            assert_eq!(triangles.len() as u64, tree.micro_triangles());
+            let mut random = Random(11);
+            let mut most = 0.0_f64;
+            for _ in 0..40 {
+                let ray = Ray {
+                    time: 0.0,
+                    ..random_ray(&mut random)
+                };
+                let Some(hit) = tree.intersect(0, &ray) else {
+                    continue;
+                };
+                let p = ray.origin.as_dvec3() + f64::from(hit.t) * ray.direction.as_dvec3();
+                let all = triangles.iter().map(|triangle| distance(p, *triangle));
+                most = most.max(all.fold(f64::MAX, f64::min));
+            }
+            let diagonal = f64::from(tree.bounds(0, 0).extent().length());
+            assert!(
+                most < 1e-5 * diagonal,
+                "{shape} {kind}: {most} of {diagonal}"
+            );
+            most / diagonal
+        })
+        .reduce(|| 0.0, f64::max);
+    println!("{far} diagonals at most");
 }
 
 /// What all say of one place is the same to the bit: blocks, quads and faces beside each other.
