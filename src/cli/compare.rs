@@ -81,7 +81,7 @@ impl Compare {
     }
 }
 
-/// A line for each method that moves micro-vertices, or has slabs instead.
+/// A line for each method that moves micro-vertices, or has slabs or quads instead.
 pub(super) fn moved<'a>(rows: impl Iterator<Item = (&'a str, Option<AchievedError>)>) -> String {
     let mut told = Vec::new();
     let mut text = String::new();
@@ -93,6 +93,10 @@ pub(super) fn moved<'a>(rows: impl Iterator<Item = (&'a str, Option<AchievedErro
         let (max, rms) = (error.max_diagonals, error.rms_diagonals);
         let what = if method == Method::Compressed.name() {
             "slabs thick by"
+        } else if method == Method::Nonlinear.name() {
+            "micro-vertices beside their parameters by"
+        } else if method == Method::Dbvh.name() {
+            "quads off the displaced limit surface by"
         } else {
             "micro-vertices moved by"
         };

@@ -9,6 +9,7 @@
 mod levels;
 mod load;
 mod slope;
+mod texels;
 
 use std::sync::LazyLock;
 
@@ -17,6 +18,7 @@ use half::slice::HalfFloatSliceExt;
 
 use self::levels::{Level, Sheet};
 use self::load::{How, load_files, load_packed, tame};
+pub use self::texels::{FROM_BYTE, Fold, TexelKind, Texels};
 use super::border::{Info, Pixels};
 use super::{ColorSpace, ImageSource, Wrap, linear_from_srgb};
 use crate::error::Fault;

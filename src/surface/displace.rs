@@ -8,6 +8,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::base::{Texcoord, UvRect};
+use super::image_map::HeightImage;
 use crate::math::{Bounds3, Vec2, Vec3};
 
 /// How the points of a limit surface move.
@@ -91,6 +92,12 @@ pub trait DisplacementMap: Send + Sync {
 
     /// A box around all values in a region, rounding included; `None` if none is certain.
     fn bound(&self, region: &Region) -> Option<Bounds3>;
+
+    /// The image that the first component comes from, if that is all there is to it and its texels can be read as they
+    /// are in memory.
+    fn image(&self) -> Option<HeightImage> {
+        None
+    }
 
     /// Bytes held, beyond the texture itself.
     fn memory(&self) -> usize {

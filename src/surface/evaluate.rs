@@ -70,9 +70,21 @@ impl Surface {
         }
     }
 
+    /// The same limit surface, displaced in another way.
+    #[must_use]
+    pub fn with_displacement(&self, displacement: Displacement) -> Self {
+        Self::new(Arc::clone(&self.base), displacement)
+    }
+
     /// The limit surface.
     pub fn base(&self) -> &dyn Base {
         &*self.base
+    }
+
+    /// The same limit surface without displacement.
+    #[must_use]
+    pub fn undisplaced(&self) -> Self {
+        Self::new(self.base.clone(), Displacement::None)
     }
 
     /// Whether it has no border: two faces at each edge, no holes and nothing trimmed away.

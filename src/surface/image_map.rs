@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::base::{Texcoord, UvRect};
 use super::displace::{DisplacementMap, DisplacementPoint, MapGrid, Region, Slope};
 use super::pyramid::Pyramid;
-use crate::image::Texture;
+use crate::image::{Texels, Texture};
 use crate::math::{Affine2, Bounds3, Vec2, Vec3, Vec4};
 
 /// Which channels of an image are displacement.
@@ -29,6 +29,44 @@ pub struct ImageMap {
     pyramid: Option<Arc<Pyramid>>,
     /// Where texture coordinates are looked up.
     moved: Affine2,
+}
+
+/// An image whose values are the first components of an [`ImageMap`]'s, by the texel.
+#[derive(Debug, Clone)]
+pub struct HeightImage {
+    texture: Arc<Texture>,
+    component: usize,
+    pyramid: Option<Arc<Pyramid>>,
+    moved: Affine2,
+}
+
+impl HeightImage {
+    /// Its texels.
+    pub fn texels(&self) -> Texels<'_> {
+        let texels = self.texture.texels(self.component);
+        texels.expect("only such images are made to be this")
+    }
+
+    /// Where texture coordinates are looked up.
+    pub fn place(&self, st: Vec2) -> Vec2 {
+        self.moved.transform_point2(st)
+    }
+
+    /// The least and the greatest value in a rectangle of [places](Self::place); the image's own if none is given.
+    pub fn range(&self, places: Option<&UvRect>) -> [f32; 2] {
+        let everywhere = UvRect {
+            min: Vec2::splat(f32::NEG_INFINITY),
+            max: Vec2::splat(f32::INFINITY),
+        };
+        let places = places.unwrap_or(&everywhere);
+        match &self.pyramid {
+            Some(pyramid) => {
+                let range = pyramid.range(&self.texture, places);
+                [range.min[self.component], range.max[self.component]]
+            }
+            None => [f32::MIN, f32::MAX],
+        }
+    }
 }
 
 impl ImageMap {
@@ -159,6 +197,21 @@ impl DisplacementMap for ImageMap {
                 }
             }
             Channels::Scalar | Channels::Vector => range,
+        })
+    }
+
+    fn image(&self) -> Option<HeightImage> {
+        let component = match self.channels {
+            Channels::Scalar | Channels::Vector => 0,
+            Channels::Component(component) => component.into(),
+        };
+        self.pyramid.as_ref()?;
+        self.texture.texels(component)?;
+        Some(HeightImage {
+            texture: self.texture.clone(),
+            component,
+            pyramid: self.pyramid.clone(),
+            moved: self.moved,
         })
     }
 

@@ -18,6 +18,7 @@ mod patch;
 mod pyramid;
 mod rates;
 mod shared;
+mod shell;
 mod subdivided;
 mod subdivision;
 #[cfg(test)]
@@ -27,15 +28,18 @@ pub use base::{
     Base, Carrier, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect, edge_uv,
 };
 pub use bicubic::Bicubic;
+
+pub use crate::image::{FROM_BYTE, Fold, TexelKind, Texels};
 pub use dice::{Diced, FaceGrid, Grids};
 pub use displace::{
     Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,
     Space,
 };
 pub use evaluate::{DisplacedPoint, Faults, Surface, tangents};
-pub use image_map::{Channels, ImageMap};
+pub use image_map::{Channels, HeightImage, ImageMap};
 pub use patch::Patch;
 pub use pyramid::Pyramid;
 pub use rates::{Dicing, MOST_SEGMENTS, Places, Rates, View};
 pub use shared::{Scratch, SharedSamples};
+pub use shell::{Shell, ShellError, ShellPoint, ShellTolerance, Torn};
 pub use subdivision::Subdivision;

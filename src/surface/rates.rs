@@ -168,7 +168,8 @@ impl Rates {
             .map(|size| size.map(u64::from))
     }
 
-    fn new(
+    /// By the number of the edge and, for what is within, along u and v, by the face; as [`by_edge`](Self::by_edge).
+    pub fn new(
         surface: &Surface,
         segments: impl Fn(u32) -> u32 + Sync,
         within: impl Fn(u32) -> [u32; 2] + Sync,

@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use crate::accel::{
-    Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Intersector, Keep,
-    MaxError, Stored, Tessellated, Trimmed,
+    Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions,
+    Intersector, Keep, MaxError, Nonlinear, Stored, Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -33,6 +33,10 @@ pub enum Method {
     Compressed,
     /// What the quantised micro-triangles are, diced when rays come to them, in a cache of fixed size.
     Cache,
+    /// Micro-triangles that are computed where rays pass, of a surface as few quads and an image.
+    Dbvh,
+    /// Heights over prisms, traced by bent rays.
+    Nonlinear,
 }
 
 /// A surface built for a method.
@@ -45,7 +49,8 @@ pub struct TracedSurface {
     pub bytes: usize,
     /// How far the method moved micro-vertices, if it did.
     pub accuracy: Option<Accuracy>,
-    /// How thick the slabs are that the method has instead of micro-triangles, if it has.
+    /// How thick the slabs are that the method has instead of micro-triangles, or how far its own surface is from the
+    /// displaced limit surface, if it has one.
     pub thick: Option<AchievedError>,
 }
 
@@ -84,7 +89,7 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
@@ -93,6 +98,8 @@ impl Method {
         Self::Compact,
         Self::Compressed,
         Self::Cache,
+        Self::Dbvh,
+        Self::Nonlinear,
     ];
 
     /// Its name on the command line and in reports.
@@ -106,6 +113,8 @@ impl Method {
             Self::Compact => "compact",
             Self::Compressed => "compressed",
             Self::Cache => "cache",
+            Self::Dbvh => "dbvh",
+            Self::Nonlinear => "nonlinear",
         }
     }
 
@@ -126,6 +135,8 @@ impl Method {
             Self::Cache => {
                 "the micro-triangles of compact, diced when rays come to them, in a cache of fixed size"
             }
+            Self::Dbvh => "micro-triangles computed where rays pass, from few quads and the image",
+            Self::Nonlinear => "heights over prisms, traced by bent rays: no micro-triangles",
         }
     }
 
@@ -140,6 +151,8 @@ impl Method {
             Self::Compact => 3,
             Self::Compressed => 2,
             Self::Cache => 1,
+            Self::Dbvh => 8,
+            Self::Nonlinear => 5,
         }
     }
 
@@ -254,6 +267,16 @@ impl Method {
             Self::Cache => {
                 let tree = Cached::build(surface, rates, how.max_error, how.cache, how.go_on)?;
                 accuracy = Some(tree.accuracy());
+                of_hit(tree, surface, device)?
+            }
+            Self::Dbvh => {
+                let tree = Dbvh::build(surface, rates, &DbvhOptions::default(), how.go_on)?;
+                thick = Some(tree.achieved());
+                of_hit(tree, surface, device)?
+            }
+            Self::Nonlinear => {
+                let tree = Nonlinear::build(surface, rates, how.go_on)?;
+                thick = Some(tree.achieved());
                 of_hit(tree, surface, device)?
             }
         };

@@ -12,13 +12,9 @@
 //! all along one direction: the axis nearest to it is the main one, and the others follow it by their `shear`. So the
 //! fields of one axis hold the heights and those of the others little more than their roundings.
 
+pub(super) use super::super::quads::{CELLS, SIDE};
 use super::super::simd::{FIELD_PADDING, WIDEST};
 use crate::accel::lattice::{Extent, REACH};
-
-/// Vertices along a block's side.
-pub(in crate::accel) const SIDE: usize = 8;
-/// Quads along a full block's side.
-pub(in crate::accel) const CELLS: usize = SIDE - 1;
 
 /// Bytes of a head.
 pub(super) const HEAD: usize = 24;

@@ -1,9 +1,4 @@
 //! One ray through the trees: the body that each instruction set gets compiled.
-//!
-//! Signs of edge functions are exact but for zeros: products round monotonely, so a difference of two rounded ones is
-//! never of the wrong sign. A zero counts for both sides at first; what passes so is decided by
-//! [`origin_in`], corner by corner. Two triangles at an edge see the same products of
-//! the same vertices, in one block or in two.
 
 use super::block::{CELLS, Head, SHEAR_POINT, SIDE, SLOPE_POINT};
 use super::patch::{Fan, Node};
@@ -12,9 +7,10 @@ use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
+use crate::accel::quads::{QuadHit, Sheared};
 use crate::accel::simd::{Isa, LANES, Lanes, NARROW};
 use crate::accel::traversal::Traversal;
-use crate::accel::triangle::{TriangleHit, origin_in};
+use crate::accel::triangle::TriangleHit;
 use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::{DVec3, Ray};
 
@@ -25,7 +21,7 @@ pub(in crate::accel) struct Met {
     pub(in crate::accel) patch: u32,
     /// The block in the patch.
     pub(super) block: usize,
-    /// The quad in the block, whose rows are [`SIDE`] apart, and whether it is its second triangle.
+    /// The quad in the block, whose rows are [`SIDE`](crate::accel::quads::SIDE) apart, and whether it is its second triangle.
     pub(super) cell: usize,
     pub(super) second: bool,
 }
@@ -197,26 +193,6 @@ struct Walk<'a, const MOVES: bool> {
 const COLUMNS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
 const ROWS: [i32; LANES] = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1];
 
-/// Pairs of rows in a block.
-const PAIRS: usize = SIDE / 2;
-
-/// A block's vertices in the plane across the ray, two rows together.
-struct Sheared {
-    x: [[f32; LANES]; PAIRS],
-    y: [[f32; LANES]; PAIRS],
-    z: [[f32; LANES]; PAIRS],
-}
-
-impl Sheared {
-    /// Three values by the numbers of their vertices.
-    #[inline(always)]
-    fn corners(of: &[[f32; LANES]; PAIRS], corners: [usize; 3]) -> [f32; 3] {
-        let [a, b, c] = corners;
-        let of = of.as_flattened();
-        [of[a], of[b], of[c]]
-    }
-}
-
 impl<const MOVES: bool> Walk<'_, MOVES> {
     /// The children of a node over patches that the ray meets, as bits, and where it enters each.
     #[inline(always)]
@@ -247,47 +223,19 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     /// The nearest triangle of a block.
     #[inline(always)]
     fn block<L: Lanes>(&self, lanes: L, view: &View<'_>, block: usize) -> Option<Met> {
-        let [columns, rows] = view.fan.cells_of(block);
-        let mut sheared = Sheared {
-            x: [[0.0; LANES]; PAIRS],
-            y: [[0.0; LANES]; PAIRS],
-            z: [[0.0; LANES]; PAIRS],
-        };
-        self.decode(lanes, view, block, [columns, rows], &mut sheared);
-        let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
-        let passed = edges(lanes, &sheared, rows).map(|passed| passed & cells);
-
-        // Both kinds of triangles in one row of bits: what ends the loop is hard to foretell.
-        let mut passed = u128::from(passed[0]) | u128::from(passed[1]) << 64;
-        let mut nearest: Option<Met> = None;
-        let mut t_max = self.world.t_max;
-        while passed != 0 {
-            let bit = passed.trailing_zeros() as usize;
-            passed &= passed - 1;
-            let (second, cell) = (bit >= 64, bit % 64);
-            let corners = if second {
-                [cell + SIDE + 1, cell + SIDE, cell + 1]
-            } else {
-                [cell, cell + 1, cell + SIDE]
-            };
-            let t = Sheared::corners(&sheared.z, corners).map(|z| self.ray.s[2] * z);
-            let x = Sheared::corners(&sheared.x, corners);
-            let y = Sheared::corners(&sheared.y, corners);
-            let Some(hit) = origin_in(x, y, t) else {
-                continue;
-            };
-            if hit.t > self.world.t_min && hit.t < t_max {
-                t_max = hit.t;
-                nearest = Some(Met {
-                    hit,
-                    patch: 0,
-                    block,
-                    cell,
-                    second,
-                });
-            }
-        }
-        nearest
+        let cells = view.fan.cells_of(block);
+        let mut sheared = Sheared::default();
+        self.decode(lanes, view, block, cells, &mut sheared);
+        let interval = [self.world.t_min, self.world.t_max];
+        let QuadHit { hit, cell, second } =
+            sheared.nearest(lanes, cells, self.ray.s[2], interval)?;
+        Some(Met {
+            hit,
+            patch: 0,
+            block,
+            cell,
+            second,
+        })
     }
 
     /// Decodes a block's vertices, and shears them.
@@ -417,40 +365,4 @@ impl<L: Lanes> Planes<L> {
         }
         lanes.fields(data, [start + a * stride, start + b * stride], width)
     }
-}
-
-/// The quads whose first and second triangles the ray passes through, or touches, as bits: eight a row.
-#[inline(always)]
-fn edges<L: Lanes>(lanes: L, sheared: &Sheared, rows: usize) -> [u64; 2] {
-    // Along rows, along columns, and from corner b to corner c of each quad; to which side the ray passes.
-    let mut along = [0_u64; 2];
-    let mut down = [0_u64; 2];
-    let mut across = [0_u64; 2];
-    let (mut x, mut y) = (lanes.load(&sheared.x[0]), lanes.load(&sheared.y[0]));
-    for pair in 0..rows / 2 + 1 {
-        let after = (pair + 1).min(PAIRS - 1);
-        let (x2, y2) = (lanes.load(&sheared.x[after]), lanes.load(&sheared.y[after]));
-        let (bx, by) = (lanes.next_in_row(x), lanes.next_in_row(y));
-        let (cx, cy) = (lanes.next_row(x, x2), lanes.next_row(y, y2));
-        side(lanes, [x, y, bx, by], pair, &mut along);
-        side(lanes, [x, y, cx, cy], pair, &mut down);
-        side(lanes, [bx, by, cx, cy], pair, &mut across);
-        (x, y) = (x2, y2);
-    }
-    let [an, ap] = along;
-    let [dn, dp] = down;
-    let [cn, cp] = across;
-    // Corners a, b, c with edge functions of (c, b), (a, c), (b, a); then d, c, b.
-    let first = (cp | dn | ap) & (cn | dp | an);
-    let second = (cn | dp >> 1 | an >> 8) & (cp | dn >> 1 | ap >> 8);
-    [!first, !second]
-}
-
-/// Adds the signs of two rows' edge functions: below zero, and above.
-#[inline(always)]
-fn side<L: Lanes>(lanes: L, [ax, ay, bx, by]: [L::Floats; 4], pair: usize, signs: &mut [u64; 2]) {
-    let zero = lanes.floats(0.0);
-    let value = lanes.sub(lanes.mul(ax, by), lanes.mul(ay, bx));
-    signs[0] |= u64::from(lanes.less(value, zero)) << (LANES * pair);
-    signs[1] |= u64::from(lanes.less(zero, value)) << (LANES * pair);
 }

@@ -25,6 +25,9 @@ pub(super) const WIDEST: u32 = 25;
 /// The widest field that [`Lanes::narrow_fields`] takes apart, in bits.
 pub(super) const NARROW: u32 = 8;
 
+/// Two to the power of 112: what the bits of half a float, shifted into a float's place, are multiplied by.
+const FROM_HALF: f32 = f32::from_bits(239 << 23);
+
 /// Bytes that must follow the last field.
 pub(super) const FIELD_PADDING: usize = 16;
 
@@ -58,6 +61,16 @@ pub(super) trait Lanes: Copy {
     fn less(self, a: Self::Floats, b: Self::Floats) -> u32;
     /// A bit for each lane where `a <= b`.
     fn less_equal(self, a: Self::Floats, b: Self::Floats) -> u32;
+    /// The square root.
+    fn sqrt(self, a: Self::Floats) -> Self::Floats;
+    /// Where `a < b` the lane of `then`, and elsewhere that of `otherwise`.
+    fn if_less(
+        self,
+        a: Self::Floats,
+        b: Self::Floats,
+        then: Self::Floats,
+        otherwise: Self::Floats,
+    ) -> Self::Floats;
 
     fn add_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
     fn and_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
@@ -66,6 +79,28 @@ pub(super) trait Lanes: Copy {
     fn shift_right<const BY: u32>(self, a: Self::Ints) -> Self::Ints;
     /// Exact below 2^24.
     fn to_floats(self, a: Self::Ints) -> Self::Floats;
+
+    /// The size of a number.
+    fn abs(self, a: Self::Floats) -> Self::Floats;
+    /// The greatest whole number that is not above it.
+    fn floor(self, a: Self::Floats) -> Self::Floats;
+    /// Whole numbers below 2^31 as integers.
+    fn to_ints(self, a: Self::Floats) -> Self::Ints;
+    /// From `a` where the lane's bit is set, else from `b`.
+    fn select(self, bits: u32, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    /// What these bits are as numbers.
+    fn of_bits(self, a: Self::Ints) -> Self::Floats;
+    /// The numbers whose halves are in the lower 16 bits. Infinities and what is no number are not told from large ones.
+    fn of_halves(self, a: Self::Ints) -> Self::Floats;
+    /// Zeros come in from above.
+    fn shift_right_unsigned<const BY: u32>(self, a: Self::Ints) -> Self::Ints;
+    /// Four bytes from each offset on, which is not below 0; none if they are not all there.
+    fn gather(self, bytes: &[u8], at: Self::Ints) -> Option<Self::Ints>;
+    /// The one in the eight lower lanes, the other in the upper ones.
+    fn two(self, low: f32, high: f32) -> Self::Floats;
+    /// Two rows of what `a` has for eight rows on one side in its lower half, and on the other side in its upper half:
+    /// lanes `2 pair` and `2 pair + 1` of each half, all over the lower and the upper lanes.
+    fn two_rows(self, a: Self::Floats, pair: usize) -> [Self::Floats; 2];
 
     /// Bytes as numbers.
     fn bytes(self, bytes: &[u8; LANES]) -> Self::Floats;
@@ -80,6 +115,15 @@ pub(super) trait Lanes: Copy {
     /// # Panics
     /// If `width` exceeds [`NARROW`], or fewer than 16 bytes follow.
     fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> Self::Ints;
+
+    /// Four numbers from each of four places in `values`.
+    ///
+    /// # Panics
+    /// If fewer than four follow any of the places.
+    fn fours(self, values: &[u16], places: [usize; 4]) -> Self::Ints;
+
+    /// Sixteen numbers.
+    fn shorts(self, values: &[u16; LANES]) -> Self::Ints;
 
     /// For each lane, the entry of `table` that its number in `numbers` names.
     fn pick(self, numbers: &Nibbles, table: Self::Floats) -> Self::Floats;
@@ -98,14 +142,16 @@ pub(super) struct Nibbles([u8; LANES / 2]);
 
 impl Nibbles {
     /// Of numbers below 16.
-    pub(super) fn new(numbers: [u8; LANES]) -> Self {
-        let mut nibbles = Self::default();
-        for (lane, number) in numbers.into_iter().enumerate() {
-            assert!(number < 16, "{number} does not fit four bits");
+    pub(super) const fn new(numbers: [u8; LANES]) -> Self {
+        let mut nibbles = [0; LANES / 2];
+        let mut lane = 0;
+        while lane < LANES {
+            assert!(numbers[lane] < 16, "four bits each");
             let (byte, shift) = Self::place(lane);
-            nibbles.0[byte] |= number << shift;
+            nibbles[byte] |= numbers[lane] << shift;
+            lane += 1;
         }
-        nibbles
+        Self(nibbles)
     }
 
     /// The number of a lane.
@@ -117,7 +163,7 @@ impl Nibbles {
 
     /// Its byte, and the bits in it that precede it.
     #[inline(always)]
-    fn place(lane: usize) -> (usize, usize) {
+    const fn place(lane: usize) -> (usize, usize) {
         let nibble = LANES / 2 * (lane % 2) + lane / 2;
         (nibble / 2, nibble % 2 * 4)
     }

@@ -1,6 +1,6 @@
 //! The sixteen lanes in plain Rust: what the others must agree with.
 
-use super::{FIELD_PADDING, FIELDS, LANES, Lanes, NARROW_FIELDS, Nibbles};
+use super::{FIELD_PADDING, FIELDS, FROM_HALF, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 /// Needs nothing.
 #[derive(Clone, Copy)]
@@ -88,6 +88,20 @@ impl Lanes for Portable {
         bits(a, b, |a, b| a <= b)
     }
     #[inline(always)]
+    fn sqrt(self, a: Floats) -> Floats {
+        a.map(f32::sqrt)
+    }
+    #[inline(always)]
+    fn if_less(self, a: Floats, b: Floats, then: Floats, otherwise: Floats) -> Floats {
+        let mut out = otherwise;
+        for i in 0..LANES {
+            if a[i] < b[i] {
+                out[i] = then[i];
+            }
+        }
+        out
+    }
+    #[inline(always)]
     fn add_ints(self, a: Ints, b: Ints) -> Ints {
         each(a, b, i32::wrapping_add)
     }
@@ -106,6 +120,56 @@ impl Lanes for Portable {
     #[inline(always)]
     fn to_floats(self, a: Ints) -> Floats {
         a.map(|a| a as f32)
+    }
+    #[inline(always)]
+    fn abs(self, a: Floats) -> Floats {
+        a.map(f32::abs)
+    }
+    #[inline(always)]
+    fn floor(self, a: Floats) -> Floats {
+        a.map(f32::floor)
+    }
+    #[inline(always)]
+    fn to_ints(self, a: Floats) -> Ints {
+        a.map(|a| a as i32)
+    }
+    #[inline(always)]
+    fn select(self, bits: u32, a: Floats, b: Floats) -> Floats {
+        std::array::from_fn(|i| if bits >> i & 1 == 1 { a[i] } else { b[i] })
+    }
+    #[inline(always)]
+    fn of_bits(self, a: Ints) -> Floats {
+        a.map(|a| f32::from_bits(a as u32))
+    }
+    #[inline(always)]
+    fn of_halves(self, a: Ints) -> Floats {
+        a.map(|a| {
+            let size = f32::from_bits((a as u32 & 0x7fff) << 13) * FROM_HALF;
+            f32::from_bits(size.to_bits() | (a as u32 & 0x8000) << 16)
+        })
+    }
+    #[inline(always)]
+    fn shift_right_unsigned<const BY: u32>(self, a: Ints) -> Ints {
+        a.map(|a| (a as u32 >> BY) as i32)
+    }
+    #[inline(always)]
+    fn gather(self, bytes: &[u8], at: Ints) -> Option<Ints> {
+        let last = bytes.len().checked_sub(4)?;
+        at.iter().all(|&at| at as u32 as usize <= last).then(|| {
+            at.map(|at| {
+                let at = at as u32 as usize;
+                i32::from_le_bytes(std::array::from_fn(|b| bytes[at + b]))
+            })
+        })
+    }
+    #[inline(always)]
+    fn two(self, low: f32, high: f32) -> Floats {
+        std::array::from_fn(|i| if i < LANES / 2 { low } else { high })
+    }
+    #[inline(always)]
+    fn two_rows(self, a: Floats, pair: usize) -> [Floats; 2] {
+        let at = |half: usize| std::array::from_fn(|i| a[8 * half + 2 * pair + i / 8]);
+        [at(0), at(1)]
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> Floats {
@@ -137,6 +201,20 @@ impl Lanes for Portable {
             *out = ((all >> (i as u32 * width)) as u32 & fields.mask) as i32;
         }
         out
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> Ints {
+        let mut out = [0; LANES];
+        for (four, place) in out.chunks_exact_mut(4).zip(places) {
+            for (out, value) in four.iter_mut().zip(&values[place..place + 4]) {
+                *out = i32::from(*value);
+            }
+        }
+        out
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> Ints {
+        values.map(i32::from)
     }
     #[inline(always)]
     fn pick(self, numbers: &Nibbles, table: Floats) -> Floats {

@@ -10,6 +10,7 @@ struct All<'a> {
     bytes: &'a [u8],
     rows: [usize; 2],
     width: u32,
+    halves: [i32; LANES],
 }
 
 impl Body for All<'_> {
@@ -25,6 +26,7 @@ impl Body for All<'_> {
         let ints = lanes.and_ints(ints, lanes.ints(0x00ff_ff7f));
         let bytes: &[u8; LANES] = self.bytes[..LANES].try_into().expect("sixteen");
         let nibbles = bytes.map(|byte| byte & 15);
+        let shorts = bytes.map(|byte| 257 * u16::from(byte));
         let floats = [
             lanes.add(a, b),
             lanes.sub(a, b),
@@ -38,14 +40,37 @@ impl Body for All<'_> {
             lanes.to_floats(ints),
             lanes.floats(self.a[3]),
             lanes.pick(&Nibbles::new(nibbles), a),
+            lanes.sqrt(lanes.max(a, lanes.floats(0.0))),
+            lanes.if_less(a, b, b, a),
+            lanes.to_floats(lanes.fours(&shorts, [3, 0, 12, 7])),
+            lanes.to_floats(lanes.shorts(&shorts)),
             lanes.to_floats(lanes.narrow_fields(
                 self.bytes,
                 self.rows[0],
                 self.width % (NARROW + 1),
             )),
         ];
+        let halves = lanes.load_ints(&self.halves);
+        let [one, other] = lanes.two_rows(a, self.rows[0] % 4);
+        let small =
+            lanes.to_floats(lanes.to_ints(lanes.mul(lanes.bytes(bytes), lanes.floats(1.7))));
+        let at = lanes.and_ints(fields, lanes.ints(63));
+        let gathered = lanes.gather(self.bytes, at).expect("they are all there");
+        assert!(lanes.gather(&self.bytes[..3], at).is_none());
+        let more = [
+            lanes.abs(a),
+            lanes.floor(a),
+            small,
+            lanes.select(self.width * 4099, a, b),
+            lanes.of_bits(lanes.and_ints(gathered, lanes.ints(0x3fff_ffff))),
+            lanes.of_halves(halves),
+            lanes.to_floats(lanes.shift_right_unsigned::<9>(ints)),
+            lanes.two(self.a[1], self.b[2]),
+            one,
+            other,
+        ];
         let mut out = vec![lanes.less(a, b), lanes.less_equal(a, b)];
-        for values in floats {
+        for values in floats.into_iter().chain(more) {
             let mut stored = [0.0; LANES];
             lanes.store(values, &mut stored);
             out.extend(stored.map(f32::to_bits));
@@ -78,6 +103,11 @@ fn all_sets_agree_to_the_bit() {
             bytes: &bytes,
             rows: [round as usize % 31, 40 + round as usize % 17],
             width,
+            halves: std::array::from_fn(|i| {
+                let half = i32::from(bytes[i]) << 8 | i32::from(bytes[i + 50]);
+                // All but infinities.
+                half & !0x0400
+            }),
         };
         let not_numbers = |bits: Vec<u32>| -> Vec<u32> {
             // Which one of several it is, IEEE 754 leaves open.

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES, Lanes, NARROW_FIELDS, Nibbles};
+use super::{Body, FIELD_PADDING, FIELDS, FROM_HALF, Fields, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 /// Exists only while code for AVX2 runs.
 #[derive(Clone, Copy)]
@@ -65,6 +65,22 @@ fn windows(bytes: &[u8], rows: [usize; 2], width: u32) -> (&'static Fields, [*co
     (fields, places)
 }
 
+/// Four shorts from each of four places, two places to a register.
+#[inline(always)]
+fn four_places(values: &[u16], [a, b, c, d]: [usize; 4]) -> [__m128i; 2] {
+    let (a, b) = (four(values, a), four(values, b));
+    let (c, d) = (four(values, c), four(values, d));
+    // SAFETY: every x86-64 processor has SSE2; no memory is touched.
+    unsafe { [_mm_unpacklo_epi64(a, b), _mm_unpacklo_epi64(c, d)] }
+}
+
+#[inline(always)]
+fn four(values: &[u16], place: usize) -> __m128i {
+    let four = &values[place..place + 4];
+    // SAFETY: every x86-64 processor has SSE2; 8 bytes are there.
+    unsafe { _mm_loadl_epi64(four.as_ptr().cast()) }
+}
+
 impl Lanes for Avx512 {
     type Floats = __m512;
     type Ints = __m512i;
@@ -125,6 +141,18 @@ impl Lanes for Avx512 {
         u32::from(op!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b)))
     }
     #[inline(always)]
+    fn sqrt(self, a: __m512) -> __m512 {
+        op!(_mm512_sqrt_ps(a))
+    }
+    #[inline(always)]
+    fn if_less(self, a: __m512, b: __m512, then: __m512, otherwise: __m512) -> __m512 {
+        op!(_mm512_mask_blend_ps(
+            _mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b),
+            otherwise,
+            then
+        ))
+    }
+    #[inline(always)]
     fn add_ints(self, a: __m512i, b: __m512i) -> __m512i {
         op!(_mm512_add_epi32(a, b))
     }
@@ -143,6 +171,68 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn to_floats(self, a: __m512i) -> __m512 {
         op!(_mm512_cvtepi32_ps(a))
+    }
+    #[inline(always)]
+    fn abs(self, a: __m512) -> __m512 {
+        op!(_mm512_abs_ps(a))
+    }
+    #[inline(always)]
+    fn floor(self, a: __m512) -> __m512 {
+        op!(_mm512_roundscale_ps::<
+            { _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC },
+        >(a))
+    }
+    #[inline(always)]
+    fn to_ints(self, a: __m512) -> __m512i {
+        op!(_mm512_cvttps_epi32(a))
+    }
+    #[inline(always)]
+    fn select(self, bits: u32, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_mask_blend_ps(bits as u16, b, a))
+    }
+    #[inline(always)]
+    fn of_bits(self, a: __m512i) -> __m512 {
+        op!(_mm512_castsi512_ps(a))
+    }
+    #[inline(always)]
+    fn of_halves(self, a: __m512i) -> __m512 {
+        op!(_mm512_cvtph_ps(_mm512_cvtepi32_epi16(a)))
+    }
+    #[inline(always)]
+    fn shift_right_unsigned<const BY: u32>(self, a: __m512i) -> __m512i {
+        op!(_mm512_srli_epi32::<BY>(a))
+    }
+    #[inline(always)]
+    fn gather(self, bytes: &[u8], at: __m512i) -> Option<__m512i> {
+        let last = u32::try_from(bytes.len().checked_sub(4)?).unwrap_or(u32::MAX);
+        let beyond = op!(_mm512_cmpgt_epu32_mask(at, _mm512_set1_epi32(last as i32)));
+        // Offsets are signed to the instruction.
+        if beyond != 0 || last > i32::MAX as u32 {
+            return None;
+        }
+        // SAFETY: the token says that the instructions are there; all four bytes from each offset are.
+        Some(unsafe { _mm512_i32gather_epi32::<1>(at, bytes.as_ptr().cast()) })
+    }
+    #[inline(always)]
+    fn two(self, low: f32, high: f32) -> __m512 {
+        op!(_mm512_mask_blend_ps(
+            0xff00,
+            _mm512_set1_ps(low),
+            _mm512_set1_ps(high)
+        ))
+    }
+    #[inline(always)]
+    fn two_rows(self, a: __m512, pair: usize) -> [__m512; 2] {
+        op!({
+            let first = _mm512_set1_epi32(2 * pair as i32);
+            let row = _mm512_setr_epi32(0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1);
+            let low = _mm512_add_epi32(first, row);
+            let high = _mm512_add_epi32(low, _mm512_set1_epi32(8));
+            [
+                _mm512_permutexvar_ps(low, a),
+                _mm512_permutexvar_ps(high, a),
+            ]
+        })
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> __m512 {
@@ -183,6 +273,16 @@ impl Lanes for Avx512 {
             let here = _mm512_srlv_epi32(_mm512_shuffle_epi8(all, shuffle), shift);
             _mm512_and_si512(here, _mm512_set1_epi32(fields.mask as i32))
         }
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> __m512i {
+        let all = four_places(values, places);
+        op!(_mm512_cvtepu16_epi32(_mm256_set_m128i(all[1], all[0])))
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> __m512i {
+        // SAFETY: the token says that the instructions are there; 32 bytes are.
+        unsafe { _mm512_cvtepu16_epi32(_mm256_loadu_si256(values.as_ptr().cast())) }
     }
     #[inline(always)]
     fn pick(self, numbers: &Nibbles, table: __m512) -> __m512 {
@@ -274,6 +374,31 @@ impl Lanes for Avx2 {
         (bits(0) | (bits(1) << 8)) as u32
     }
     #[inline(always)]
+    fn sqrt(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_sqrt_ps(a[0]), _mm256_sqrt_ps(a[1])])
+    }
+    #[inline(always)]
+    fn if_less(
+        self,
+        a: [__m256; 2],
+        b: [__m256; 2],
+        then: [__m256; 2],
+        otherwise: [__m256; 2],
+    ) -> [__m256; 2] {
+        op!([
+            _mm256_blendv_ps(
+                otherwise[0],
+                then[0],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[0], b[0])
+            ),
+            _mm256_blendv_ps(
+                otherwise[1],
+                then[1],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[1], b[1])
+            ),
+        ])
+    }
+    #[inline(always)]
     fn add_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
         op!([_mm256_add_epi32(a[0], b[0]), _mm256_add_epi32(a[1], b[1])])
     }
@@ -299,6 +424,91 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn to_floats(self, a: [__m256i; 2]) -> [__m256; 2] {
         op!([_mm256_cvtepi32_ps(a[0]), _mm256_cvtepi32_ps(a[1])])
+    }
+    #[inline(always)]
+    fn abs(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let sign = _mm256_set1_ps(-0.0);
+            [_mm256_andnot_ps(sign, a[0]), _mm256_andnot_ps(sign, a[1])]
+        })
+    }
+    #[inline(always)]
+    fn floor(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_floor_ps(a[0]), _mm256_floor_ps(a[1])])
+    }
+    #[inline(always)]
+    fn to_ints(self, a: [__m256; 2]) -> [__m256i; 2] {
+        op!([_mm256_cvttps_epi32(a[0]), _mm256_cvttps_epi32(a[1])])
+    }
+    #[inline(always)]
+    fn select(self, bits: u32, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let bit = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            let mask = |bits: u32| {
+                let all = _mm256_and_si256(_mm256_set1_epi32(bits as i32), bit);
+                _mm256_castsi256_ps(_mm256_cmpeq_epi32(all, bit))
+            };
+            [
+                _mm256_blendv_ps(b[0], a[0], mask(bits)),
+                _mm256_blendv_ps(b[1], a[1], mask(bits >> 8)),
+            ]
+        })
+    }
+    #[inline(always)]
+    fn of_bits(self, a: [__m256i; 2]) -> [__m256; 2] {
+        op!([_mm256_castsi256_ps(a[0]), _mm256_castsi256_ps(a[1])])
+    }
+    #[inline(always)]
+    fn of_halves(self, a: [__m256i; 2]) -> [__m256; 2] {
+        op!(a.map(|a| {
+            let size = _mm256_and_si256(a, _mm256_set1_epi32(0x7fff));
+            let size = _mm256_castsi256_ps(_mm256_slli_epi32::<13>(size));
+            let size = _mm256_mul_ps(size, _mm256_set1_ps(FROM_HALF));
+            let sign = _mm256_and_si256(a, _mm256_set1_epi32(0x8000));
+            _mm256_or_ps(size, _mm256_castsi256_ps(_mm256_slli_epi32::<16>(sign)))
+        }))
+    }
+    #[inline(always)]
+    fn shift_right_unsigned<const BY: u32>(self, a: [__m256i; 2]) -> [__m256i; 2] {
+        // As above.
+        op!({
+            let by = _mm_cvtsi32_si128(BY as i32);
+            [_mm256_srl_epi32(a[0], by), _mm256_srl_epi32(a[1], by)]
+        })
+    }
+    #[inline(always)]
+    fn gather(self, bytes: &[u8], at: [__m256i; 2]) -> Option<[__m256i; 2]> {
+        let last = u32::try_from(bytes.len().checked_sub(4)?).unwrap_or(u32::MAX);
+        let beyond = op!({
+            let most = _mm256_set1_epi32(last as i32);
+            let within = |at| _mm256_cmpeq_epi32(_mm256_max_epu32(at, most), most);
+            let all = _mm256_and_si256(within(at[0]), within(at[1]));
+            _mm256_movemask_epi8(all) != -1
+        });
+        // Offsets are signed to the instruction.
+        if beyond || last > i32::MAX as u32 {
+            return None;
+        }
+        let from = bytes.as_ptr().cast();
+        // SAFETY: the token says that the instructions are there; all four bytes from each offset are.
+        Some(unsafe { at.map(|at| _mm256_i32gather_epi32::<1>(from, at)) })
+    }
+    #[inline(always)]
+    fn two(self, low: f32, high: f32) -> [__m256; 2] {
+        op!([_mm256_set1_ps(low), _mm256_set1_ps(high)])
+    }
+    #[inline(always)]
+    fn two_rows(self, a: [__m256; 2], pair: usize) -> [[__m256; 2]; 2] {
+        op!({
+            let first = _mm256_set1_epi32(2 * pair as i32);
+            let next = _mm256_add_epi32(first, _mm256_set1_epi32(1));
+            a.map(|a| {
+                [
+                    _mm256_permutevar8x32_ps(a, first),
+                    _mm256_permutevar8x32_ps(a, next),
+                ]
+            })
+        })
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> [__m256; 2] {
@@ -359,6 +569,22 @@ impl Lanes for Avx2 {
                     _mm256_srlv_epi32(high, _mm256_loadu_si256(shift.add(1))),
                     mask,
                 ),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> [__m256i; 2] {
+        let all = four_places(values, places);
+        op!([_mm256_cvtepu16_epi32(all[0]), _mm256_cvtepu16_epi32(all[1])])
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> [__m256i; 2] {
+        let at = values.as_ptr().cast::<__m128i>();
+        // SAFETY: the token says that the instructions are there; twice 16 bytes are.
+        unsafe {
+            [
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at)),
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at.wrapping_add(1))),
             ]
         }
     }

@@ -30,7 +30,7 @@ const FONT: (&str, u32) = ("sans-serif", 17);
 const GREY: RGBColor = RGBColor(200, 200, 200);
 
 /// One for each method, that of the same number: dark enough for white paper, light enough for a black screen.
-const COLOURS: [RGBColor; 8] = [
+const COLOURS: [RGBColor; 10] = [
     RGBColor(122, 127, 135),
     RGBColor(47, 126, 216),
     RGBColor(213, 94, 0),
@@ -39,6 +39,8 @@ const COLOURS: [RGBColor; 8] = [
     RGBColor(18, 145, 120),
     RGBColor(128, 134, 30),
     RGBColor(166, 98, 60),
+    RGBColor(200, 80, 210),
+    RGBColor(40, 140, 60),
 ];
 
 type Canvas<'a> = DrawingArea<SVGBackend<'a>, Shift>;

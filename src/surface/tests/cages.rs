@@ -62,6 +62,21 @@ fn mesh(scheme: Scheme, points: Vec<Vec3>, faces: &[&[u32]]) -> ControlMesh {
     }
 }
 
+/// A cube, smooth all over.
+pub(super) fn cube() -> ControlMesh {
+    let at = |i: u32, bit: u32| 2.0 * (i >> bit & 1) as f32 - 1.0;
+    let points = (0..8).map(|i| Vec3::new(at(i, 0), at(i, 1), at(i, 2)));
+    let faces: [&[u32]; 6] = [
+        &[4, 5, 7, 6],
+        &[0, 2, 3, 1],
+        &[0, 1, 5, 4],
+        &[2, 6, 7, 3],
+        &[1, 3, 7, 5],
+        &[0, 4, 6, 2],
+    ];
+    mesh(Scheme::CatmullClark, points.collect(), &faces)
+}
+
 /// A hexagonal prism: two n-gons, creases sharp, fractional and of different sharpness at a vertex, and a corner.
 fn block(scheme: Scheme) -> ControlMesh {
     let ring = |z: f32| {

@@ -7,6 +7,7 @@ mod displacing;
 pub(crate) mod leaks;
 mod patches;
 pub(crate) mod shapes;
+mod shell;
 
 use std::sync::Arc;
 

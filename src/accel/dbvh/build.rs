@@ -1,0 +1,543 @@
+//! Building: quads, what edges keep, and ranges of heights. Nothing is diced.
+
+use rayon::prelude::*;
+
+use super::block::{Block, Quad, Weights, bilinear};
+use super::edges;
+use super::face::{Corner, Face, Patch, Span};
+use super::heights::{Heights, Ranges, Source};
+use super::traverse::shadows;
+use super::{Dbvh, DbvhOptions};
+use crate::accel::lattice::{Extent, Lattice, REACH};
+use crate::accel::moment::Moment;
+use crate::accel::simd::{Body, Isa, LANES, Lanes};
+use crate::accel::top::Top;
+use crate::error::{Error, Result};
+use crate::math::{Bounds3, Vec2, Vec3};
+use crate::surface::{
+    Amount, Displacement, DisplacementPoint, FaceGrid, MOST_SEGMENTS, Rates, Region, Shell,
+    ShellTolerance, Surface, Torn, UvRect,
+};
+
+/// Patches that are in work at once.
+const BATCH: usize = 256;
+
+/// What boxes are larger by on all sides, steps of the lattice: a few roundings of its largest coordinates.
+const MARGIN: f32 = 16.0;
+
+/// What displaces, by single points.
+pub(super) struct Values<'a> {
+    amount: Option<&'a Amount>,
+    source: &'a Source,
+}
+
+impl Values<'_> {
+    /// Whether faces that differ so compute different points.
+    pub(super) fn matters(&self, torn: Torn) -> bool {
+        self.amount.is_some()
+            && match self.source {
+                Source::Flat(_) => torn.normals,
+                Source::Image(_) => torn.normals || torn.texcoords,
+                Source::Kept(_) => true,
+            }
+    }
+
+    /// The height at a point of a face, with its limit point and a vector along its normal. What is no number is none.
+    pub(super) fn height(
+        &self,
+        (face, uv): (u32, Vec2),
+        key: u32,
+        [position, normal]: [Vec3; 2],
+        st: Vec2,
+    ) -> f32 {
+        let Some(amount) = self.amount else {
+            return 0.0;
+        };
+        let value = match self.source {
+            Source::Flat(value) => *value,
+            Source::Image(image) => image.texels().eval(image.place(st)),
+            Source::Kept(_) => {
+                let at = DisplacementPoint {
+                    face,
+                    uv,
+                    key,
+                    position,
+                    normal: normal.normalize_or_zero(),
+                    st,
+                };
+                amount.map.value(&at).x
+            }
+        };
+        let height = amount.scale * value + amount.bias;
+        if height.is_finite() { height } else { 0.0 }
+    }
+}
+
+impl Dbvh {
+    /// Builds it. `go_on` is told from 0 to 1, and stops the build by returning false.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] if stopped, [`Error::Usage`] of a displacement by vectors.
+    pub fn build(
+        surface: &Surface,
+        rates: &Rates,
+        options: &DbvhOptions,
+        go_on: &dyn Fn(f64) -> bool,
+    ) -> Result<Self> {
+        let amount = match surface.displacement() {
+            Displacement::None => None,
+            Displacement::Scalar(amount) => Some(amount),
+            Displacement::Vector(..) => {
+                return Err(Error::usage(
+                    "dbvh traces displacement along normals, not by vectors",
+                    "take another method, such as compact",
+                ));
+            }
+        };
+        let base = surface.base();
+        let mut source = source(surface, amount);
+        let heights = match (options.heights, amount) {
+            (Some(heights), _) => heights,
+            (None, None) => [0.0; 2],
+            (None, Some(amount)) => heights(surface, amount, &source),
+        };
+        let tolerance = ShellTolerance {
+            heights,
+            ..options.tolerance
+        };
+        let shell = Shell::new(surface, rates, &tolerance);
+        let mut faces: Vec<Face> = (shell.grids().iter())
+            .map(|grid| diced(surface, rates, grid))
+            .collect();
+        if !go_on(0.1) {
+            return Err(Error::Interrupted);
+        }
+        if let (Source::Kept(_), Some(amount)) = (&source, amount) {
+            source = Source::Kept(look_up(&shell, &mut faces, amount));
+        }
+        let values = Values {
+            amount,
+            source: &source,
+        };
+        let kept = edges::keep(base, rates, &shell, &values, &mut faces);
+        let range = range(&source);
+        let of = |value: f32| amount.map_or(0.0, |amount| amount.scale * value + amount.bias);
+        let highest = of(range[0]).abs().max(of(range[1]).abs());
+        let lattice = lattice(&shell, highest);
+        let corners = (0..shell.keys())
+            .map(|key| corners(&shell, key, &lattice))
+            .collect();
+        let on_lattice = |p: &Vec3| ((*p - lattice.anchor) * (1.0 / lattice.step)).to_array();
+        let mut tree = Self {
+            isa: Isa::best(),
+            reach: 0.0,
+            left_handed: base.left_handed(),
+            st: match &source {
+                Source::Image(image) => shell.st().iter().map(|&st| image.place(st)).collect(),
+                _ => shell.st().to_vec(),
+            },
+            heights: Heights {
+                source,
+                scale: amount.map_or(0.0, |amount| amount.scale / lattice.step),
+                bias: amount.map_or(0.0, |amount| amount.bias / lattice.step),
+                code: [0.0, 1.0],
+            },
+            lattice,
+            faces,
+            corners,
+            kept: (kept.iter())
+                .map(|points| points.iter().map(on_lattice).collect())
+                .collect(),
+            top: Top::default(),
+            patches: Vec::new(),
+            ranges: Vec::new(),
+            shell: shell.achieved(),
+            pixels_per_unit: rates.pixels_per_unit(),
+        };
+        drop(shell);
+        tree.heights.encode(range);
+        tree.measure_slack();
+        tree.patch(&|done| go_on(0.2 + 0.8 * done))?;
+        Ok(tree)
+    }
+
+    /// How far kept points are from the vertices that they replace.
+    fn measure_slack(&mut self) {
+        let this: &Self = self;
+        let of_face = |face: usize| {
+            let face_of = &this.faces[face];
+            if !face_of.has_kept {
+                return 0.0;
+            }
+            let [columns, rows] = face_of.micro_vertices();
+            let along_u = (0..columns).flat_map(|i| [[i, 0], [i, rows - 1]]);
+            let along_v = (0..rows).flat_map(|j| [[0, j], [columns - 1, j]]);
+            let mut most = 0.0_f32;
+            for at in along_u.chain(along_v) {
+                let kept = face_of.kept(at);
+                if kept == super::face::NONE {
+                    continue;
+                }
+                let [(qi, i), (qj, j)] = [0, 1].map(|k| {
+                    let n = usize::from(face_of.cells[k]);
+                    let quad = (at[k] / n).min(usize::from(face_of.quads[k]) - 1);
+                    (quad as u16, at[k] - quad * n)
+                });
+                for key in 0..this.keys() as usize {
+                    let moment = at_key(key);
+                    let own = this.own_vertex(face, [qi, qj], [i, j], &moment);
+                    let point = this.kept_point(kept, &moment);
+                    most = most.max(Vec3::from(own).distance(Vec3::from(point)));
+                }
+            }
+            most * (1.0 + 1e-5) + MARGIN
+        };
+        let slacks: Vec<f32> = (0..self.faces.len()).into_par_iter().map(of_face).collect();
+        for (face, slack) in self.faces.iter_mut().zip(slacks) {
+            face.slack = slack;
+        }
+    }
+
+    /// Cuts quads into patches, and puts these into a tree.
+    fn patch(&mut self, go_on: &dyn Fn(f64) -> bool) -> Result<()> {
+        let mut patches = Vec::new();
+        for (number, face) in (0..).zip(&self.faces) {
+            let [columns, rows] = face.quads;
+            let pieces = face.pieces().map(|n| n as u16);
+            let quads = (0..rows).flat_map(|j| (0..columns).map(move |i| [i, j]));
+            for quad in quads {
+                for piece in (0..pieces[1]).flat_map(|j| (0..pieces[0]).map(move |i| [i, j])) {
+                    patches.push(Patch {
+                        face: number,
+                        quad,
+                        piece,
+                        ranges: 0,
+                    });
+                }
+            }
+        }
+        // Values as they are, of which codes are made.
+        let (scale, bias) = (self.heights.scale, self.heights.bias);
+        (self.heights.scale, self.heights.bias) = (1.0, 0.0);
+        let mut ranges: Vec<Ranges> = Vec::with_capacity(patches.len());
+        for batch in patches.chunks(BATCH) {
+            let this: &Self = self;
+            ranges.par_extend(
+                batch
+                    .par_iter()
+                    .map(|patch| this.isa.run(RangesOf { tree: this, patch })),
+            );
+            if !go_on(ranges.len() as f64 / patches.len() as f64) {
+                return Err(Error::Interrupted);
+            }
+        }
+        (self.heights.scale, self.heights.bias) = (scale, bias);
+        let this: &Self = self;
+        let extents: Vec<Vec<Extent>> = (0..self.corners.len())
+            .map(|key| {
+                let of_patch = |(patch, ranges): (&Patch, &Ranges)| this.extent(patch, ranges, key);
+                patches.par_iter().zip(&ranges).map(of_patch).collect()
+            })
+            .collect();
+        let all = extents.iter().flatten().copied();
+        let all = all.fold(Extent::EMPTY, Extent::union);
+        if !all.is_empty() {
+            let largest = (0..3).map(|k| all.min[k].abs().max(all.max[k].abs()));
+            self.reach = largest.max().unwrap_or(0) as f32;
+        }
+        let (top, order) = Top::new(&extents);
+        let mut in_order = Vec::new();
+        let ordered = order.into_iter().map(|number| {
+            let mut patch = patches[number as usize];
+            if !self.faces[patch.face as usize].span(&patch).is_single() {
+                patch.ranges = in_order.len() as u32;
+                in_order.push(ranges[number as usize]);
+            }
+            patch
+        });
+        self.patches = ordered.collect();
+        in_order.shrink_to_fit();
+        self.ranges = in_order;
+        self.top = top;
+        Ok(())
+    }
+
+    /// A box around a patch.
+    fn extent(&self, patch: &Patch, ranges: &Ranges, key: usize) -> Extent {
+        let boxes = self.isa.run(BoxesOf {
+            tree: self,
+            patch,
+            ranges,
+            key,
+        });
+        let face = &self.faces[patch.face as usize];
+        let span = face.span(patch);
+        let block = Block::new(self, patch, &span);
+        let kept = if face.has_kept && block.is_border() {
+            face.slack
+        } else {
+            0.0
+        };
+        let there = span.there();
+        let mut extent = Extent::EMPTY;
+        for c in (0..LANES).filter(|c| there >> c & 1 == 1) {
+            let reach = |k: usize| boxes[3 + k][c] + kept + MARGIN;
+            // All that there is lies within half of the lattice, and some roundings.
+            const MOST: f32 = (REACH / 2 + (REACH >> 8)) as f32;
+            let end = |k: usize, sign: f32| (boxes[k][c] + sign * reach(k)).clamp(-MOST, MOST);
+            extent = extent
+                .including([0, 1, 2].map(|k| end(k, -1.0).floor() as i32))
+                .including([0, 1, 2].map(|k| end(k, 1.0).ceil() as i32));
+        }
+        extent
+    }
+}
+
+/// The moment of a motion key.
+fn at_key(key: usize) -> Moment {
+    Moment {
+        from: key,
+        to: key,
+        weights: [1.0, 0.0],
+    }
+}
+
+/// How many micro-quads a face's quads have: what its rates come to, rounded.
+fn diced(surface: &Surface, rates: &Rates, grid: &FaceGrid) -> Face {
+    let within = rates.face(grid.face);
+    let cells = [0, 1].map(|k| {
+        let each = (f64::from(within[k]) / f64::from(grid.size[k])).round();
+        each.clamp(1.0, f64::from(MOST_SEGMENTS)) as u16
+    });
+    edges::face(surface.base(), grid, cells)
+}
+
+/// Where heights come from. What is kept of them is not yet there.
+fn source(surface: &Surface, amount: Option<&Amount>) -> Source {
+    let Some(amount) = amount else {
+        return Source::Flat(0.0);
+    };
+    if let Some(image) = amount.map.image() {
+        return Source::Image(image);
+    }
+    let value = |face: u32| {
+        let bound = amount.map.bound(&Region {
+            face,
+            rect: UvRect::UNIT,
+            st: None,
+        })?;
+        (bound.min.x == bound.max.x).then_some(bound.min.x)
+    };
+    let base = surface.base();
+    let mut faces = (0..base.faces())
+        .filter(|&face| !base.is_hole(face))
+        .map(value);
+    let first = faces.next().flatten();
+    match first {
+        Some(value) if faces.all(|other| other == first) => Source::Flat(value),
+        _ => Source::Kept(Vec::new()),
+    }
+}
+
+/// The least and the greatest height that a surface has, or about that where the map has no bounds.
+fn heights(surface: &Surface, amount: &Amount, source: &Source) -> [f32; 2] {
+    let of = |value: f32| amount.scale * value + amount.bias;
+    if !matches!(source, Source::Kept(_)) {
+        let [a, b] = range(source).map(of);
+        return [a.min(b), a.max(b)];
+    }
+    let base = surface.base();
+    let of_face = |face: u32| {
+        let bound = amount.map.bound(&Region {
+            face,
+            rect: UvRect::UNIT,
+            st: None,
+        });
+        let bound = bound.map(|bound| [of(bound.min.x), of(bound.max.x)]);
+        if let Some([a, b]) = bound.filter(|[a, b]| a.is_finite() && b.is_finite()) {
+            return [a.min(b), a.max(b)];
+        }
+        // How far it is moved here and there.
+        const AT: [f32; 4] = [0.125, 0.375, 0.625, 0.875];
+        let places = AT.into_iter().flat_map(|v| AT.map(|u| Vec2::new(u, v)));
+        let far = places.map(|uv| {
+            let limit = base.first_order(face, uv, 0).position;
+            surface.evaluate(face, uv, 0).position.distance(limit)
+        });
+        let far = far.fold(0.0, f32::max);
+        [-far, far]
+    };
+    let union = |a: [f32; 2], b: [f32; 2]| [a[0].min(b[0]), a[1].max(b[1])];
+    (0..base.faces())
+        .into_par_iter()
+        .filter(|&face| !base.is_hole(face))
+        .map(of_face)
+        .reduce(|| [0.0; 2], union)
+}
+
+/// The least and the greatest value.
+fn range(source: &Source) -> [f32; 2] {
+    match source {
+        Source::Flat(value) => [*value; 2],
+        Source::Image(image) => image.range(None),
+        Source::Kept(keys) => {
+            let all = keys.iter().flatten();
+            let range = all.fold([f32::MAX, f32::MIN], |[low, high], v| {
+                [low.min(*v), high.max(*v)]
+            });
+            if range[0] <= range[1] {
+                range
+            } else {
+                [0.0; 2]
+            }
+        }
+    }
+}
+
+/// Asks for the values of all micro-vertices, by motion key, and notes in the faces where they are.
+fn look_up(shell: &Shell, faces: &mut [Face], amount: &Amount) -> Vec<Vec<f32>> {
+    let mut count = 0;
+    for face in &mut *faces {
+        face.first_height = count as u64;
+        count += face.micro_vertices().iter().product::<usize>();
+    }
+    let nothing = if amount.scale == 0.0 {
+        0.0
+    } else {
+        -amount.bias / amount.scale
+    };
+    let of_key = |key: u32| {
+        let of_face = |face: &Face| {
+            let [columns, rows] = face.micro_vertices();
+            let value = |(i, j): (usize, usize)| {
+                let [(qi, i), (qj, j)] = [(i, 0), (j, 1)].map(|(at, k)| {
+                    let n = usize::from(face.cells[k]);
+                    let quad = (at / n).min(usize::from(face.quads[k]) - 1);
+                    (quad as u16, at - quad * n)
+                });
+                let corners = face.corners([qi, qj]);
+                let mix = |of: [f32; 4]| bilinear(face, [i, j], of);
+                let points = corners.map(|c| shell.points(key)[c]);
+                let st = corners.map(|c| shell.st()[c]);
+                let vector = |of: [Vec3; 4]| Vec3::from([0, 1, 2].map(|k| mix(of.map(|p| p[k]))));
+                let at = DisplacementPoint {
+                    face: face.face,
+                    uv: face.uv([qi, qj], [i, j]),
+                    key,
+                    position: vector(points.map(|p| p.position)),
+                    normal: vector(points.map(|p| p.normal)).normalize_or_zero(),
+                    st: Vec2::new(mix(st.map(|st| st.x)), mix(st.map(|st| st.y))),
+                };
+                let value = amount.map.value(&at).x;
+                if (amount.scale * value + amount.bias).is_finite() {
+                    value
+                } else {
+                    nothing
+                }
+            };
+            let all = (0..rows).flat_map(move |j| (0..columns).map(move |i| (i, j)));
+            all.map(value).collect::<Vec<f32>>()
+        };
+        faces.par_iter().flat_map_iter(of_face).collect()
+    };
+    (0..shell.keys()).map(of_key).collect()
+}
+
+/// Around the shell with everything that heights may add.
+fn lattice(shell: &Shell, highest: f32) -> Lattice {
+    let points = (0..shell.keys()).flat_map(|key| shell.points(key));
+    let bounds = Bounds3::of(points.map(|point| point.position));
+    let bounds = if bounds.is_empty() {
+        bounds
+    } else {
+        Bounds3 {
+            min: bounds.min - highest,
+            max: bounds.max + highest,
+        }
+    };
+    Lattice::around(&bounds, 0.0)
+}
+
+fn corners(shell: &Shell, key: u32, lattice: &Lattice) -> Vec<Corner> {
+    let corner = |point: &crate::surface::ShellPoint| Corner {
+        p: ((point.position - lattice.anchor) * (1.0 / lattice.step)).to_array(),
+        n: point.normal.to_array(),
+    };
+    shell.points(key).iter().map(corner).collect()
+}
+
+/// The values' ranges in a patch's blocks, as codes.
+struct RangesOf<'a> {
+    tree: &'a Dbvh,
+    patch: &'a Patch,
+}
+
+impl Body for RangesOf<'_> {
+    type Output = Ranges;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Ranges {
+        let Self { tree, patch } = self;
+        let span = tree.faces[patch.face as usize].span(patch);
+        let there = span.there();
+        let reader = tree.heights.reader();
+        let mut out = [0; LANES];
+        for (c, out) in out.iter_mut().enumerate() {
+            if there >> c & 1 == 0 {
+                continue;
+            }
+            let part: Span = span.child(c);
+            let block = Block::new(tree, patch, &part);
+            let weights = Weights::new(lanes, &block);
+            let st = [
+                weights.sides(lanes, &block.s),
+                weights.sides(lanes, &block.t),
+            ];
+            let mut range = [f32::MAX, f32::MIN];
+            for key in 0..tree.corners.len() {
+                let moment = at_key(key);
+                for pair in 0..block.cells[1] / 2 + 1 {
+                    let heights =
+                        tree.heights
+                            .rows(lanes, &reader, &block, (&weights, &st), pair, &moment);
+                    let mut values = [0.0; LANES];
+                    lanes.store(heights, &mut values);
+                    for value in values {
+                        range = [range[0].min(value), range[1].max(value)];
+                    }
+                }
+                if !matches!(tree.heights.source, Source::Kept(_)) {
+                    break;
+                }
+            }
+            *out = tree.heights.code(range);
+        }
+        out
+    }
+}
+
+/// Boxes around a patch's blocks at a motion key: centres and half of their sizes.
+struct BoxesOf<'a> {
+    tree: &'a Dbvh,
+    patch: &'a Patch,
+    ranges: &'a Ranges,
+    key: usize,
+}
+
+impl Body for BoxesOf<'_> {
+    type Output = [[f32; LANES]; 6];
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> [[f32; LANES]; 6] {
+        let Self { tree, patch, .. } = self;
+        let face = &tree.faces[patch.face as usize];
+        let quad = Quad::new(tree.corners_at(face.corners(patch.quad), &at_key(self.key)));
+        let heights = tree.heights.ranges(lanes, self.ranges);
+        let boxes = shadows(lanes, face, &face.span(patch), &quad, heights);
+        let mut out = [[0.0; LANES]; 6];
+        for (out, of) in out.iter_mut().zip(boxes) {
+            lanes.store(of, out);
+        }
+        out
+    }
+}

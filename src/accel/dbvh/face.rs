@@ -1,0 +1,293 @@
+//! Faces, their quads, and patches: up to 4 x 4 blocks of a quad.
+
+use crate::accel::quads::CELLS;
+use crate::math::Vec2;
+use crate::surface::edge_uv;
+
+/// Blocks along a patch's side.
+pub(super) const FAN: usize = 4;
+
+/// Micro-quads along a full patch's side.
+pub(super) const SPAN: usize = FAN * CELLS;
+
+/// Stands for no kept point.
+pub(super) const NONE: u32 = u32::MAX;
+
+/// A corner of quads on the lattice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Corner {
+    pub(super) p: [f32; 3],
+    /// A unit of height along the normal.
+    pub(super) n: [f32; 3],
+}
+
+/// A face: columns and rows of quads, each of columns and rows of micro-quads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Face {
+    pub(super) face: u32,
+    pub(super) quads: [u16; 2],
+    /// Of each quad.
+    pub(super) cells: [u16; 2],
+    /// One by these: see [`share`].
+    pub(super) share: [f32; 2],
+    /// The first of its corners, which follow one another row by row.
+    pub(super) first: u32,
+    /// The first of its micro-vertices' heights, where these are kept.
+    pub(super) first_height: u64,
+    /// From corner k on.
+    pub(super) sides: [Side; 4],
+    /// Kept points of its corners; [`NONE`] if they are computed.
+    pub(super) vertices: [u32; 4],
+    /// Whether anything of its border is kept; and no kept point is farther from the vertex that it replaces than this.
+    pub(super) has_kept: bool,
+    pub(super) slack: f32,
+}
+
+/// A face's border whose points are kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Side {
+    /// The first of them within the edge, in its own direction; [`NONE`] if they are computed. An edge that is but a
+    /// point has none: it is its corner.
+    pub(super) first: u32,
+    /// The edge's, if they are kept: no more than there are micro-quads along it.
+    pub(super) segments: u16,
+    pub(super) reversed: bool,
+    pub(super) collapsed: bool,
+}
+
+/// A part of a quad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Patch {
+    /// By its place among the faces that are not holes.
+    pub(super) face: u32,
+    /// Column and row of the quad.
+    pub(super) quad: [u16; 2],
+    /// Column and row in the quad.
+    pub(super) piece: [u16; 2],
+    /// Of its blocks' heights; nothing if there is a single block.
+    pub(super) ranges: u32,
+}
+
+/// Columns and rows of micro-quads, from which on in the quad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Span {
+    pub(super) first: [usize; 2],
+    pub(super) cells: [usize; 2],
+}
+
+/// Where part `i` of `pieces` begins of so many cells: as even as can be. A third is by a product, as registers do it.
+#[inline(always)]
+pub(super) fn cut(i: usize, pieces: usize, cells: usize) -> usize {
+    (i * cells * (65536_usize.div_ceil(pieces))) >> 16
+}
+
+/// The number by which whole numbers up to `n` are multiplied so that they are 0..1: of those that make of `n` no less
+/// than 1 the least. Products beyond 1 are to be cut off.
+pub(super) fn share(n: u16) -> f32 {
+    let n = f32::from(n);
+    let near = 1.0 / n;
+    if n * near >= 1.0 {
+        near
+    } else {
+        near.next_up()
+    }
+}
+
+/// The side of a grid of so many columns and rows of cells that a vertex is on, and where along it, from its corner on.
+fn on_side([i, j]: [usize; 2], [nu, nv]: [usize; 2]) -> Option<(usize, usize)> {
+    match (i, j) {
+        (i, 0) => Some((0, i)),
+        (i, j) if j == nv => Some((2, nu - i)),
+        (0, j) => Some((3, nv - j)),
+        (i, j) if i == nu => Some((1, j)),
+        _ => None,
+    }
+}
+
+impl Face {
+    pub(super) fn micro_triangles(&self) -> u64 {
+        let all = |k: usize| u64::from(self.quads[k]) * u64::from(self.cells[k]);
+        2 * all(0) * all(1)
+    }
+
+    /// Micro-vertices along u and v.
+    pub(super) fn micro_vertices(&self) -> [usize; 2] {
+        [0, 1].map(|k| usize::from(self.quads[k]) * usize::from(self.cells[k]) + 1)
+    }
+
+    /// The numbers of a quad's corners: at (0,0), (1,0), (0,1), (1,1).
+    #[inline(always)]
+    pub(super) fn corners(&self, [i, j]: [u16; 2]) -> [usize; 4] {
+        let stride = usize::from(self.quads[0]) + 1;
+        let first = self.first as usize + usize::from(j) * stride + usize::from(i);
+        [first, first + 1, first + stride, first + stride + 1]
+    }
+
+    /// How many patches a quad is cut into, along u and v.
+    pub(super) fn pieces(&self) -> [usize; 2] {
+        self.cells.map(|n| usize::from(n).div_ceil(SPAN))
+    }
+
+    /// Where a patch is in its quad.
+    #[inline(always)]
+    pub(super) fn span(&self, patch: &Patch) -> Span {
+        let mut span = Span {
+            first: [0; 2],
+            cells: [0; 2],
+        };
+        for k in 0..2 {
+            let n = usize::from(self.cells[k]);
+            if n <= SPAN {
+                span.cells[k] = n;
+            } else {
+                let (pieces, piece) = (n.div_ceil(SPAN), usize::from(patch.piece[k]));
+                span.first[k] = piece * n / pieces;
+                span.cells[k] = (piece + 1) * n / pieces - span.first[k];
+            }
+        }
+        span
+    }
+
+    /// The face's parameters of a micro-vertex of a quad, where it was snapped to.
+    #[inline]
+    pub(super) fn uv(&self, quad: [u16; 2], at: [usize; 2]) -> Vec2 {
+        let at = [0, 1].map(|k| usize::from(quad[k]) * usize::from(self.cells[k]) + at[k]);
+        let whole = self.micro_vertices().map(|n| n - 1);
+        if self.has_kept
+            && let Some((k, x)) = on_side(at, whole)
+            && let Some((sample, all)) = self.kept_sample(k, x)
+        {
+            return edge_uv(k as u32, f32::from(sample) / f32::from(all));
+        }
+        Vec2::from([0, 1].map(|k| at[k] as f32 / whole[k] as f32))
+    }
+
+    /// Whether a part of a quad touches the face's border.
+    #[inline(always)]
+    pub(super) fn is_border(&self, quad: [u16; 2], span: &Span) -> bool {
+        let first =
+            [0, 1].map(|k| usize::from(quad[k]) * usize::from(self.cells[k]) + span.first[k]);
+        self.is_border_at(first, span.cells)
+    }
+
+    /// The same by columns and rows of the face.
+    #[inline(always)]
+    pub(super) fn is_border_at(&self, first: [usize; 2], cells: [usize; 2]) -> bool {
+        let most = self.micro_vertices();
+        (0..2).any(|k| first[k] == 0 || first[k] + cells[k] + 1 == most[k])
+    }
+
+    /// The kept point that a micro-vertex on the border is, by column and row in the face; [`NONE`] if it is computed.
+    #[inline]
+    pub(super) fn kept(&self, [i, j]: [usize; 2]) -> u32 {
+        let [nu, nv] = self.micro_vertices().map(|n| n - 1);
+        match (i, j) {
+            (0, 0) => self.vertices[0],
+            (i, 0) if i == nu => self.vertices[1],
+            (0, j) if j == nv => self.vertices[3],
+            (i, j) if i == nu && j == nv => self.vertices[2],
+            (i, 0) => self.kept_on(0, i),
+            (i, j) if j == nv => self.kept_on(2, nu - i),
+            (0, j) => self.kept_on(3, nv - j),
+            (i, j) if i == nu => self.kept_on(1, j),
+            _ => NONE,
+        }
+    }
+
+    /// The sample of side `k`, from its corner on, that micro-vertex `x` along it is, and how many there are; none if
+    /// its points are computed.
+    #[inline]
+    fn kept_sample(&self, k: usize, x: usize) -> Option<(u16, u16)> {
+        let side = &self.sides[k];
+        if side.collapsed || side.first == NONE {
+            return None;
+        }
+        let all = u32::from(self.quads[k % 2]) * u32::from(self.cells[k % 2]);
+        let sample = (2 * x as u64 + 1) * u64::from(side.segments) / (2 * u64::from(all));
+        Some((sample as u16, side.segments))
+    }
+
+    /// The kept point of micro-vertex `x` along side `k`, not of its ends.
+    #[inline]
+    fn kept_on(&self, k: usize, x: usize) -> u32 {
+        let side = &self.sides[k];
+        if side.collapsed {
+            return self.vertices[k];
+        }
+        match self.kept_sample(k, x) {
+            None => NONE,
+            Some((0, _)) => self.vertices[k],
+            Some((sample, all)) if sample == all => self.vertices[(k + 1) % 4],
+            Some((sample, all)) if side.reversed => side.first + u32::from(all - sample - 1),
+            Some((sample, _)) => side.first + u32::from(sample) - 1,
+        }
+    }
+}
+
+impl Span {
+    /// How many children a patch has along u and v.
+    #[inline(always)]
+    pub(super) fn fan(&self) -> [usize; 2] {
+        self.cells.map(|n| n.div_ceil(CELLS))
+    }
+
+    /// Whether it is but a block.
+    #[inline(always)]
+    pub(super) fn is_single(&self) -> bool {
+        self.cells[0] <= CELLS && self.cells[1] <= CELLS
+    }
+
+    /// The part in column and row `c % 4`, `c / 4`.
+    #[inline(always)]
+    pub(super) fn child(&self, c: usize) -> Self {
+        let fan = self.fan();
+        let at = [c % FAN, c / FAN];
+        let mut child = *self;
+        for k in 0..2 {
+            let [from, to] = [at[k], at[k] + 1].map(|i| cut(i, fan[k], self.cells[k]));
+            child.first[k] += from;
+            child.cells[k] = to - from;
+        }
+        child
+    }
+
+    /// The children, as bits.
+    #[inline(always)]
+    pub(super) fn there(&self) -> u32 {
+        let [columns, rows] = self.fan();
+        (0x1111 * ((1 << columns) - 1)) & ((1 << (FAN * rows)) - 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_all_shares_are_one() {
+        for n in 1..=4096 {
+            let [last, all] = [n - 1, n].map(|i| f32::from(i) * share(n));
+            assert!(last < 1.0 && (1.0..1.000_000_3).contains(&all), "{n}");
+        }
+    }
+
+    #[test]
+    fn cuts_are_even() {
+        for pieces in 1..=FAN {
+            for cells in pieces..=10_000 {
+                for i in 0..=pieces {
+                    assert_eq!(cut(i, pieces, cells), i * cells / pieces);
+                }
+            }
+        }
+        for n in 1..=SPAN {
+            let span = Span {
+                first: [3, 0],
+                cells: [n, 1],
+            };
+            let last = span.child(span.fan()[0] - 1);
+            assert_eq!(last.first[0] + last.cells[0], 3 + n);
+            assert!(last.cells[0] <= CELLS);
+        }
+    }
+}

@@ -1,0 +1,285 @@
+//! Rays bent into the space of a height field: displaced surfaces without micro-triangles.
+//!
+//! After Ogaki, "Nonlinear Ray Tracing for Displacement and Shell Mapping", SIGGRAPH Asia 2023 conference papers. Over a base
+//! triangle lies a prism: corners P and normals N, both linear in between, and all points P + h N. There a ray is a curve: u
+//! and v are quadratics of h over one denominator. A quadtree of least and greatest heights is walked by that curve, whose
+//! places on lines of constant u and v are roots of quadratics, and the micro-triangles, flat over u and v, are hit where
+//! cubics are zero.
+//!
+//! ```text
+//!   world: a ray, straight                      quad: u, v and heights        the ray, bent       4 x 4 children of a node,
+//!          .  N                  N                                          .                     six lines, one order
+//!           \  .   c ____________ d                h ^   max ┌─────┐ .  '                         ┌──┬──┬──┬──┐
+//!            \    / \__  2nd   /                     │    .  │  .  ┴─────┐                        │  │  │  │.-│
+//!          N  \  /  1st\__   /                       │   . ' └──┬────────┘ min                    ├──┼──┼─.┘──┤
+//!           \  \/_________\_/                        └──────────────────────> u                   │  │.'│  │  │
+//!             a         b                                                                         ├.-┼──┼──┼──┤
+//! ```
+//!
+//! **What is traced.** Faces are cut into quads, all alike in an object, and quads into a power of two of micro-quads along u
+//! and v, about as many as the dicing rates say. A quad's corners are limit points P with unit normals N. At each
+//! micro-vertex the height is kept with 16 bits: where the line P + h N there meets the plane through the displaced limit
+//! point, parallel to the limit surface there. So heights hold displacement and what the quad's triangles lack of the limit
+//! surface. Micro-vertices are off the displaced limit surface by half a step of height, and beside their own parameters by
+//! what lies between lines and normals; quads are so small that this is a part of a micro-edge, and
+//! [`achieved`](Nonlinear::achieved) tells what it is.
+//!
+//! **Without cracks.** Heights and corners at an edge are the same numbers for all faces there; where faces are cut
+//! differently, the finer one has what the coarser one's line between two heights passes, exactly. See `prism` for how rays
+//! pass from quad to quad, and `micro` for how they pass from one micro-triangle to the next.
+//!
+//! ```text
+//!   tree over quads     see `top`                                   some 9 bytes a quad
+//!     quad              where in which face; corners                 28 bytes, and some 24 to 96
+//!       ranges          a node's 4 x 4 children                      64 bytes, for 256 micro-quads
+//!       heights         micro-vertices                               2 bytes each
+//! ```
+//!
+//! The paper walks the texture's own quadtree, in the space of texture coordinates. Here each quad has its heights in its own
+//! parameters: that takes a byte a micro-triangle, but anything displaces, images, Ptex files and functions, seams of
+//! texture coordinates are none, no texel lies across a triangle's border, and curved surfaces need few prisms. The
+//! curve's parameter and the four levels taken two by two are ours as well: see `curve` and `walk`.
+//!
+//! Corners are given in single precision and what prisms do with them is done in double. Curves are in single precision: over
+//! a quad of 256 micro-quads they are off by some 1e-4 of a micro-quad. [`Hit::error`] is measured at the hit. The checking
+//! mode is in the tests: a loop over all micro-triangles in double precision.
+
+mod build;
+mod curve;
+mod field;
+mod micro;
+mod prism;
+mod sheets;
+#[cfg(test)]
+mod tests;
+mod walk;
+
+use super::lattice::Lattice;
+use super::moment::Moment;
+use super::simd::Isa;
+use super::top::Top;
+use super::{Hit, Intersector};
+use crate::math::{Bounds3, DVec3, Ray, Vec2, Vec3};
+use crate::stats::AchievedError;
+use field::{Ranges, Size};
+use walk::Met;
+
+/// A surface of prisms and heights.
+pub struct Nonlinear {
+    isa: Isa,
+    lattice: Lattice,
+    /// The largest coordinate on the lattice.
+    reach: f32,
+    keys: u32,
+    left_handed: bool,
+    /// Quads along each edge of a face.
+    cuts: u32,
+    /// The tree over the quads, which are in its order.
+    top: Top,
+    quads: Vec<Quad>,
+    /// Corners of quads, face by face, with what a step of height adds; at each motion key.
+    corners: Vec<[Vec3; 2]>,
+    /// Quad by quad, at each motion key.
+    heights: Vec<u16>,
+    /// Likewise.
+    ranges: Vec<Ranges>,
+    achieved: AchievedError,
+}
+
+/// A quad.
+#[derive(Debug, Clone, Copy)]
+struct Quad {
+    face: u32,
+    /// Its first corner; the next one follows it, and the other two a row of corners later.
+    corner: u32,
+    heights: u32,
+    ranges: u32,
+    /// Column and row among the face's quads.
+    place: [u16; 2],
+    size: Size,
+    /// The least height and the greatest.
+    low: u16,
+    high: u16,
+    /// The side that is but a point, if there is one.
+    collapsed: Collapsed,
+}
+
+/// A side of a quad that is a point: only one of the triangles has an area. Its third side lies where the quad's side beside
+/// the point is, and so must its heights: over the triangle, u or v are stretched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Collapsed {
+    None,
+    /// The first triangle's c is d as well.
+    Top,
+    /// Its b is.
+    Right,
+    /// The second triangle's b is a as well.
+    Bottom,
+    /// Its c is.
+    Left,
+}
+
+impl Collapsed {
+    /// The parameters over the quad, 0..1, of a place over the triangle with an area.
+    fn stretched(self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let ratio = |a: f64, b: f64| if b > 0.0 { (a / b).min(1.0) } else { 0.0 };
+        match self {
+            Self::None => [x, y],
+            Self::Top => [ratio(x, 1.0 - y), y],
+            Self::Right => [x, ratio(y, 1.0 - x)],
+            Self::Bottom => [1.0 - ratio(1.0 - x, y), y],
+            Self::Left => [x, 1.0 - ratio(1.0 - y, x)],
+        }
+    }
+}
+
+impl Quad {
+    /// The weights of its corners at u and v.
+    #[inline(always)]
+    fn weights(&self, uv: [f32; 2]) -> [f64; 4] {
+        let [nu, nv] = self.size.quads();
+        let (x, y) = (f64::from(uv[0]) / nu as f64, f64::from(uv[1]) / nv as f64);
+        if x + y <= 1.0 {
+            [1.0 - x - y, x, y, 0.0]
+        } else {
+            [0.0, 1.0 - y, 1.0 - x, x + y - 1.0]
+        }
+    }
+}
+
+impl Nonlinear {
+    /// How far micro-vertices are from the displaced limit points of their parameters.
+    pub fn achieved(&self) -> AchievedError {
+        self.achieved
+    }
+
+    /// A quad's corners at a moment.
+    #[inline(always)]
+    fn corners(&self, quad: &Quad, moment: &Moment) -> [[DVec3; 2]; 4] {
+        let row = self.cuts as usize + 1;
+        let all = self.corners.len() / self.keys as usize;
+        let first = quad.corner as usize;
+        let at = |next: usize| {
+            let [p, n] = &self.corners[first + next + moment.from * all];
+            let from = [p.as_dvec3(), n.as_dvec3()];
+            if moment.from == moment.to {
+                return from;
+            }
+            let [p, n] = &self.corners[first + next + moment.to * all];
+            let [a, b] = [f64::from(moment.weights[0]), f64::from(moment.weights[1])];
+            [
+                a * from[0] + b * p.as_dvec3(),
+                a * from[1] + b * n.as_dvec3(),
+            ]
+        };
+        [at(0), at(1), at(row), at(row + 1)]
+    }
+
+    /// The heights of a micro-quad's corners at a moment.
+    #[inline(always)]
+    fn cell(
+        &self,
+        quad: &Quad,
+        [i, j]: [u32; 2],
+        stride: usize,
+        moment: &Moment,
+    ) -> micro::Heights {
+        let place = j as usize * stride + i as usize;
+        let at = |key: usize| {
+            let first = quad.heights as usize + key * quad.size.heights() + place;
+            let row = |at: usize| [f32::from(self.heights[at]), f32::from(self.heights[at + 1])];
+            let ([a, b], [c, d]) = (row(first), row(first + stride));
+            [a, b, c, d]
+        };
+        let from = at(moment.from);
+        if moment.from == moment.to {
+            return from;
+        }
+        let to = at(moment.to);
+        [0, 1, 2, 3].map(|k| moment.weights[0] * from[k] + moment.weights[1] * to[k])
+    }
+
+    fn hit(&self, ray: &Ray, met: &Met) -> Hit {
+        let quad = &self.quads[met.quad as usize];
+        let moment = Moment::new(self.keys, ray.time);
+        let [nu, nv] = quad.size.quads();
+        let [u, v] = met.uv;
+        let [x, y] = [u - met.cell[0] as f32, v - met.cell[1] as f32];
+        let heights = self.cell(quad, met.cell, nu + 1, &moment);
+        let plane = micro::Plane::new(&heights, x + y > 1.0);
+
+        // The derivatives of P + h N by u and v, of which N times those of h make the micro-triangle's: their cross product
+        // is what the adjugate of the prism's matrix makes of the micro-triangle's normal.
+        let [a, b, c, d] = self.corners(quad, &moment);
+        let height = f64::from(met.height);
+        let at = |corner: &[DVec3; 2]| corner[0] + height * corner[1];
+        let weights = quad.weights(met.uv);
+        let lower = weights[3] == 0.0;
+        let (by_u, by_v) = if lower {
+            (at(&b) - at(&a), at(&c) - at(&a))
+        } else {
+            (at(&d) - at(&c), at(&d) - at(&b))
+        };
+        let all = [a, b, c, d];
+        let n: DVec3 = (0..4).map(|k| weights[k] * all[k][1]).sum();
+        let point: DVec3 = (0..4).map(|k| weights[k] * at(&all[k])).sum();
+        let normal = (by_u / nu as f64 + f64::from(plane.u) * n)
+            .cross(by_v / nv as f64 + f64::from(plane.v) * n);
+        let unit = normal.normalize_or_zero();
+        // Measured: from the point that whoever reads `t` computes to the micro-triangle.
+        let off = f64::from(plane.base + x * plane.u + y * plane.v) - height;
+        let gap = ray.at(met.t).as_dvec3() - point;
+        let distance = unit.dot(gap).abs() + (off * unit.dot(n)).abs();
+
+        let cuts = f64::from(self.cuts);
+        let [x, y] = quad
+            .collapsed
+            .stretched([f64::from(u) / nu as f64, f64::from(v) / nv as f64]);
+        let within =
+            |place: u16, part: f64| ((f64::from(place) + part) / cuts).clamp(0.0, 1.0) as f32;
+        let facing = normal * if self.left_handed { -1.0 } else { 1.0 };
+        // Single precision has no room for the areas of small triangles squared.
+        let facing = if unit == DVec3::ZERO {
+            unit
+        } else {
+            facing / facing.abs().max_element()
+        };
+        Hit {
+            t: met.t,
+            face: quad.face,
+            uv: Vec2::new(within(quad.place[0], x), within(quad.place[1], y)),
+            normal: facing.as_vec3(),
+            error: (distance * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
+        }
+    }
+}
+
+impl Intersector for Nonlinear {
+    fn primitives(&self) -> u32 {
+        1
+    }
+
+    fn keys(&self) -> u32 {
+        self.keys
+    }
+
+    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
+        self.lattice.bounds(&self.top.extent(key as usize))
+    }
+
+    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
+        self.trace::<false>(ray).map(|met| self.hit(ray, &met))
+    }
+
+    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
+        self.trace::<true>(ray).is_some()
+    }
+
+    fn memory(&self) -> usize {
+        self.top.memory()
+            + size_of_val(self.quads.as_slice())
+            + size_of_val(self.corners.as_slice())
+            + size_of_val(self.heights.as_slice())
+            + size_of_val(self.ranges.as_slice())
+    }
+}

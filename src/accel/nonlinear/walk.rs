@@ -1,0 +1,574 @@
+//! One ray through the tree over quads, and through their heights: the body that each instruction set gets compiled.
+//!
+//! A node of a quad's tree is a square of 4 x 4. Its lines of constant u and v, three each within it, cut the curve: six
+//! quadratics, solved at once, serve all sixteen children. A piece of the curve grows, or falls, in u and in v: it is in a
+//! child from the later of the places where it passes that child's first lines to the earlier of those where it passes the
+//! last. A child whose range of heights the curve is not within meanwhile is left out; the others are visited in the order
+//! of the curve, which is that of the ray: the first hit is the nearest.
+
+use arrayvec::ArrayVec;
+
+use super::curve::{Curve, MOST_PIECES, Piece};
+use super::field::LEVELS;
+use super::prism::{Pole, Sheared, Side, Span, spans};
+use super::{Nonlinear, Quad, micro};
+use crate::accel::lattice::LatticeRay;
+use crate::accel::moment::Moment;
+use crate::accel::simd::{Body, LANES, Lanes, Nibbles};
+use crate::accel::waiting::{Place, Stack, Waiting};
+use crate::math::Ray;
+
+/// Where a ray met the surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Met {
+    pub(super) t: f32,
+    pub(super) quad: u32,
+    /// In micro-quads of the quad.
+    pub(super) uv: [f32; 2],
+    /// The micro-quad's column and row.
+    pub(super) cell: [u32; 2],
+    pub(super) height: f32,
+}
+
+impl Nonlinear {
+    /// The nearest hit, or `ANY` one.
+    #[inline]
+    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
+        if self.keys == 1 {
+            self.isa.run(Trace::<ANY, false> { of: self, ray })
+        } else {
+            self.isa.run(Trace::<ANY, true> { of: self, ray })
+        }
+    }
+}
+
+struct Trace<'a, const ANY: bool, const MOVES: bool> {
+    of: &'a Nonlinear,
+    ray: &'a Ray,
+}
+
+impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
+    type Output = Option<Met>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
+        let Self { of, ray } = self;
+        let root = of.top.root()?;
+        let moment = Moment::new(of.keys, ray.time);
+        let mut walk = Walk::<MOVES> {
+            of,
+            moment: &moment,
+            sheared: Sheared::new(ray),
+            t_min: ray.t_min,
+            t_max: ray.t_max,
+            ray: LatticeRay::new(&of.lattice, ray, of.reach),
+        };
+        let mut nearest = None;
+        let mut near = [0.0; LANES];
+        let mut stack = Stack::default();
+        let mut next = Some(Waiting::child(0.0, root));
+        while let Some(at) = next {
+            next = match at.place() {
+                Place::Node(node) => {
+                    let hits = walk.children(lanes, node, &mut near);
+                    let node = of.top.node(node, moment.from);
+                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
+                }
+                Place::Patch(number) => {
+                    if let Some(met) = walk.quad(lanes, number) {
+                        nearest = Some(met);
+                        if ANY {
+                            return nearest;
+                        }
+                        walk.t_max = met.t;
+                        walk.ray.end(met.t);
+                    }
+                    None
+                }
+                Place::Part(_) => None,
+            };
+            if next.is_none() {
+                next = stack.next(walk.ray.t_max);
+            }
+        }
+        nearest
+    }
+}
+
+struct Walk<'a, const MOVES: bool> {
+    of: &'a Nonlinear,
+    moment: &'a Moment,
+    sheared: Sheared,
+    /// What is asked about, of the ray as it was given.
+    t_min: f32,
+    t_max: f32,
+    /// On the lattice; it ends at the nearest hit so far, too.
+    ray: LatticeRay,
+}
+
+/// A square of a quad's tree, and the part of the curve that is over it.
+#[derive(Clone, Copy)]
+struct Node {
+    level: u32,
+    first: [u32; 2],
+    from: f32,
+    to: f32,
+}
+
+/// Each level leaves six of its children behind.
+const MOST_WAITING: usize = 6 * LEVELS + 1;
+
+/// What rounding may move heights on the curve and off it, in steps.
+const SLACK: f32 = 0.1;
+
+/// Farther than any line of a quad.
+const FAR: f32 = 1e6;
+
+/// The lines that a node's children begin and end at, in micro-quads of level 0, u and v in a half each. The curve is within
+/// the node: the outermost it has passed before, and does not reach.
+const LINES: [[f32; 8]; 2] = [
+    [-FAR, 1.0, 2.0, 3.0, FAR, FAR, FAR, FAR],
+    [FAR, 3.0, 2.0, 1.0, -FAR, -FAR, -FAR, -FAR],
+];
+
+/// The lines at which the children begin and end, by the order in which the curve passes them.
+struct Tables {
+    begin: [Nibbles; 2],
+    end: [Nibbles; 2],
+    /// Children in that order, by which of u and v falls.
+    turned: [Nibbles; 4],
+}
+
+static TABLES: Tables = {
+    let mut tables = [[0; LANES]; 8];
+    let mut lane = 0;
+    while lane < LANES {
+        let c = lane as u8;
+        let all = [
+            c % 4,
+            8 + c / 4,
+            c % 4 + 1,
+            8 + c / 4 + 1,
+            c,
+            c ^ 3,
+            c ^ 12,
+            c ^ 15,
+        ];
+        let mut table = 0;
+        while table < all.len() {
+            tables[table][lane] = all[table];
+            table += 1;
+        }
+        lane += 1;
+    }
+    let [a, b, c, d, e, f, g, h] = tables;
+    Tables {
+        begin: [Nibbles::new(a), Nibbles::new(b)],
+        end: [Nibbles::new(c), Nibbles::new(d)],
+        turned: [
+            Nibbles::new(e),
+            Nibbles::new(f),
+            Nibbles::new(g),
+            Nibbles::new(h),
+        ],
+    }
+};
+
+/// Half of the lanes each.
+#[inline(always)]
+fn halves<L: Lanes>(lanes: L, u: f32, v: f32) -> L::Floats {
+    let mut both = [u; LANES];
+    both[LANES / 2..].fill(v);
+    lanes.load(&both)
+}
+
+/// `c + s (b + s a)`.
+#[inline(always)]
+fn value<L: Lanes>(lanes: L, [c, b, a]: [L::Floats; 3], s: L::Floats) -> L::Floats {
+    lanes.add(c, lanes.mul(s, lanes.add(b, lanes.mul(s, a))))
+}
+
+/// A piece of a curve, made ready for lines: quadratics less `c` times other ones are zero where it passes the line of
+/// u or v of `c`, and grow there.
+struct Lined<'a, L: Lanes> {
+    curve: &'a Curve,
+    piece: Piece,
+    own: [L::Floats; 3],
+    common: [L::Floats; 3],
+    lines: L::Floats,
+    /// The quad's micro-quads along u and v.
+    sizes: L::Floats,
+}
+
+impl<'a, L: Lanes> Lined<'a, L> {
+    #[inline(always)]
+    fn new(lanes: L, curve: &'a Curve, piece: Piece, sizes: [usize; 2]) -> Self {
+        let sign = |falls: bool| if falls { -1.0 } else { 1.0 };
+        let (su, sv) = (sign(piece.falls[0]), sign(piece.falls[1]));
+        let [u, v] = &curve.uv;
+        let d = &curve.d;
+        let own = [
+            halves(lanes, su * u[0], sv * v[0]),
+            halves(lanes, su * u[1], sv * v[1]),
+            halves(lanes, su * u[2], sv * v[2]),
+        ];
+        let common = [
+            halves(lanes, su * d[0], sv * d[0]),
+            halves(lanes, su * d[1], sv * d[1]),
+            halves(lanes, su * d[2], sv * d[2]),
+        ];
+        let mut lines = [0.0; LANES];
+        lines[..8].copy_from_slice(&LINES[usize::from(piece.falls[0])]);
+        lines[8..].copy_from_slice(&LINES[usize::from(piece.falls[1])]);
+        Self {
+            curve,
+            piece,
+            own,
+            common,
+            lines: lanes.load(&lines),
+            sizes: halves(lanes, sizes[0] as f32, sizes[1] as f32),
+        }
+    }
+
+    /// For the children of a node, in the order of the curve: from where to where it is in each.
+    #[inline(always)]
+    fn children(&self, lanes: L, node: &Node) -> [L::Floats; 2] {
+        let side = (1_u32 << (2 * node.level)) as f32;
+        let firsts = halves(lanes, node.first[0] as f32, node.first[1] as f32);
+        let lines = lanes.add(lanes.mul(self.lines, lanes.floats(side)), firsts);
+        // A curve along the quad's border must not count as beyond it.
+        let lines = lanes.if_less(lines, self.sizes, lines, lanes.floats(FAR));
+        let c = lanes.sub(self.own[0], lanes.mul(lines, self.common[0]));
+        let b = lanes.sub(self.own[1], lanes.mul(lines, self.common[1]));
+        let a = lanes.sub(self.own[2], lanes.mul(lines, self.common[2]));
+        let zero = lanes.floats(0.0);
+        let (from, to) = (lanes.floats(node.from), lanes.floats(node.to));
+        let discriminant = lanes.sub(
+            lanes.mul(b, b),
+            lanes.mul(lanes.floats(4.0), lanes.mul(a, c)),
+        );
+        let root = lanes.sqrt(lanes.max(discriminant, zero));
+        // The root where it grows, without a difference of like numbers.
+        let numerator = lanes.if_less(
+            b,
+            zero,
+            lanes.sub(root, b),
+            lanes.mul(lanes.floats(-2.0), c),
+        );
+        let denominator = lanes.if_less(b, zero, lanes.add(a, a), lanes.add(b, root));
+        let met = lanes.div(numerator, denominator);
+        let met = lanes.max(lanes.min(met, to), from);
+        let met = lanes.if_less(value(lanes, [c, b, a], to), zero, to, met);
+        let met = lanes.if_less(zero, value(lanes, [c, b, a], from), from, met);
+        let Tables { begin, end, .. } = &TABLES;
+        [
+            lanes.max(lanes.pick(&begin[0], met), lanes.pick(&begin[1], met)),
+            lanes.min(lanes.pick(&end[0], met), lanes.pick(&end[1], met)),
+        ]
+    }
+
+    /// Which of them the curve is within the heights of.
+    #[inline(always)]
+    fn within(&self, lanes: L, [begin, end]: [L::Floats; 2], [low, high]: [L::Floats; 2]) -> u32 {
+        let [u, v] = self.piece.falls;
+        let turned = &TABLES.turned[usize::from(u) + 2 * usize::from(v)];
+        let (low, high) = (lanes.pick(turned, low), lanes.pick(turned, high));
+        let (h, grows) = (
+            lanes.floats(self.curve.height),
+            lanes.floats(self.curve.grows),
+        );
+        let h0 = lanes.add(h, lanes.mul(begin, grows));
+        let h1 = lanes.add(h, lanes.mul(end, grows));
+        let slack = lanes.floats(SLACK);
+        lanes.less(begin, end)
+            & lanes.less_equal(lanes.sub(low, slack), lanes.max(h0, h1))
+            & lanes.less_equal(lanes.min(h0, h1), lanes.add(high, slack))
+    }
+
+    /// Column and row of the child in a lane.
+    #[inline(always)]
+    fn child(&self, lane: usize) -> [u32; 2] {
+        let flip = |x: usize, falls: bool| (if falls { 3 - x } else { x }) as u32;
+        [
+            flip(lane % 4, self.piece.falls[0]),
+            flip(lane / 4, self.piece.falls[1]),
+        ]
+    }
+}
+
+impl<const MOVES: bool> Walk<'_, MOVES> {
+    /// The children of a node over quads that the ray meets, as bits, and where it enters each.
+    #[inline(always)]
+    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
+        let node = self.of.top.node(number, self.moment.from);
+        let met = if MOVES {
+            let to = &self.of.top.node(number, self.moment.to).boxes;
+            node.boxes
+                .met_on_the_way(to, self.moment, lanes, &self.ray, entries)
+        } else {
+            node.boxes.met(lanes, &self.ray, entries)
+        };
+        met & ((1 << node.children()) - 1)
+    }
+
+    /// The nearest hit on a quad.
+    #[inline(always)]
+    fn quad<L: Lanes>(&self, lanes: L, number: u32) -> Option<Met> {
+        let quad = &self.of.quads[number as usize];
+        let [a, b, c, d] = self.of.corners(quad, self.moment);
+        let poles = [
+            self.sheared.pole(a),
+            self.sheared.pole(b),
+            self.sheared.pole(c),
+            self.sheared.pole(d),
+        ];
+        let [a, b, c, d] = &poles;
+        let diagonal = Side::new(b, c);
+        let heights = [f64::from(quad.low) - 1.0, f64::from(quad.high) + 1.0];
+        let [nu, nv] = quad.size.quads();
+        let (nu, nv) = (nu as f64, nv as f64);
+        let triangles = [
+            (
+                [a, b, c],
+                [diagonal, Side::new(c, a), Side::new(a, b)],
+                [[0.0, 0.0], [nu, 0.0], [0.0, nv]],
+            ),
+            (
+                [d, c, b],
+                [diagonal.reversed(), Side::new(b, d), Side::new(d, c)],
+                [[nu, nv], [0.0, nv], [nu, 0.0]],
+            ),
+        ];
+        let mut all: ArrayVec<(Span, usize), 14> = ArrayVec::new();
+        for (number, (corners, sides, _)) in triangles.iter().enumerate() {
+            for span in spans(*corners, *sides, heights) {
+                if span.t[1] >= f64::from(self.t_min) && span.t[0] <= f64::from(self.t_max) {
+                    all.push((span, number));
+                }
+            }
+        }
+        // Nearest first.
+        if all.len() > 1 {
+            all.sort_unstable_by(|a, b| a.0.t[0].total_cmp(&b.0.t[0]));
+        }
+        let mut t_max = self.t_max;
+        let mut nearest: Option<Met> = None;
+        for (span, triangle) in &all {
+            if span.t[0] > f64::from(t_max) {
+                break;
+            }
+            let (corners, _, uvs) = &triangles[*triangle];
+            let begin = begin(span, *corners, f64::from(self.t_min));
+            let (curve, pieces) = Curve::new(span, *uvs, begin);
+            let met = self.curve(lanes, (number, quad), &poles, &curve, &pieces, t_max);
+            if let Some(met) = met {
+                t_max = met.t;
+                nearest = Some(met);
+            }
+        }
+        nearest
+    }
+
+    /// The first hit on a curve before `t_max`.
+    #[inline(always)]
+    fn curve<L: Lanes>(
+        &self,
+        lanes: L,
+        (number, quad): (u32, &Quad),
+        poles: &[Pole; 4],
+        curve: &Curve,
+        pieces: &ArrayVec<Piece, MOST_PIECES>,
+        t_max: f32,
+    ) -> Option<Met> {
+        let [nu, nv] = quad.size.quads();
+        let stride = nu + 1;
+        let sizes = nu.max(nv) as f32;
+        let level = quad.size.root();
+        for piece in pieces {
+            let lined = Lined::new(lanes, curve, *piece, [nu, nv]);
+            let mut waiting: ArrayVec<Node, MOST_WAITING> = ArrayVec::new();
+            waiting.push(Node {
+                level,
+                first: [0, 0],
+                from: piece.from,
+                to: piece.to,
+            });
+            while let Some(node) = waiting.pop() {
+                let parts = lined.children(lanes, &node);
+                let ranges = self.ranges(lanes, quad, &node, stride);
+                let mut hits = lined.within(lanes, parts, ranges);
+                if hits == 0 {
+                    continue;
+                }
+                let mut from = [0.0; LANES];
+                let mut to = [0.0; LANES];
+                lanes.store(parts[0], &mut from);
+                lanes.store(parts[1], &mut to);
+                if node.level > 0 {
+                    // The first one on top.
+                    while hits != 0 {
+                        let lane = (31 - hits.leading_zeros()) as usize;
+                        hits &= !(1 << lane);
+                        let child = lined.child(lane);
+                        waiting.push(Node {
+                            level: node.level - 1,
+                            first: [
+                                node.first[0] + (child[0] << (2 * node.level)),
+                                node.first[1] + (child[1] << (2 * node.level)),
+                            ],
+                            from: from[lane],
+                            to: to[lane],
+                        });
+                    }
+                    continue;
+                }
+                while hits != 0 {
+                    let lane = hits.trailing_zeros() as usize;
+                    hits &= hits - 1;
+                    let child = lined.child(lane);
+                    let cell = [node.first[0] + child[0], node.first[1] + child[1]];
+                    let heights = self.cell(quad, cell, stride);
+                    let at = [cell[0] as f32, cell[1] as f32];
+                    let Some(s) = micro::first(curve, at, sizes, &heights, from[lane], to[lane])
+                    else {
+                        continue;
+                    };
+                    let uv = curve.uv(s);
+                    let height = curve.height(s);
+                    let t = along(poles, uv, quad, height);
+                    if t >= t_max {
+                        return None;
+                    }
+                    if t > self.t_min {
+                        return Some(Met {
+                            t,
+                            quad: number,
+                            uv,
+                            cell,
+                            height,
+                        });
+                    }
+                }
+            }
+        }
+        None
+    }
+
+    /// The least and greatest heights of a node's children.
+    #[inline(always)]
+    fn ranges<L: Lanes>(
+        &self,
+        lanes: L,
+        quad: &Quad,
+        node: &Node,
+        stride: usize,
+    ) -> [L::Floats; 2] {
+        let from = self.ranges_at(lanes, quad, node, stride, self.moment.from);
+        if !MOVES {
+            return from;
+        }
+        let to = self.ranges_at(lanes, quad, node, stride, self.moment.to);
+        [
+            self.moment.between_lanes(lanes, from[0], to[0]),
+            self.moment.between_lanes(lanes, from[1], to[1]),
+        ]
+    }
+
+    /// The same at a motion key.
+    #[inline(always)]
+    fn ranges_at<L: Lanes>(
+        &self,
+        lanes: L,
+        quad: &Quad,
+        node: &Node,
+        stride: usize,
+        key: usize,
+    ) -> [L::Floats; 2] {
+        if node.level > 0 {
+            let place = quad.ranges as usize
+                + key * quad.size.ranges()
+                + quad.size.place(node.level, node.first);
+            let ranges = &self.of.ranges[place];
+            return [
+                lanes.to_floats(lanes.shorts(&ranges.low)),
+                lanes.to_floats(lanes.shorts(&ranges.high)),
+            ];
+        }
+        let first = quad.heights as usize + key * quad.size.heights();
+        let first = first + node.first[1] as usize * stride + node.first[0] as usize;
+        let a = self.square(lanes, first, stride);
+        let b = self.square(lanes, first + 1, stride);
+        let c = self.square(lanes, first + stride, stride);
+        let d = self.square(lanes, first + stride + 1, stride);
+        [
+            lanes.min(lanes.min(a, b), lanes.min(c, d)),
+            lanes.max(lanes.max(a, b), lanes.max(c, d)),
+        ]
+    }
+
+    /// Four heights of each of four rows.
+    #[inline(always)]
+    fn square<L: Lanes>(&self, lanes: L, first: usize, stride: usize) -> L::Floats {
+        let rows = [
+            first,
+            first + stride,
+            first + 2 * stride,
+            first + 3 * stride,
+        ];
+        lanes.to_floats(lanes.fours(&self.of.heights, rows))
+    }
+
+    /// The heights of a micro-quad's corners.
+    #[inline(always)]
+    fn cell(&self, quad: &Quad, cell: [u32; 2], stride: usize) -> micro::Heights {
+        self.of.cell(quad, cell, stride, self.moment)
+    }
+}
+
+/// Where on a span a ray begins that begins at `t_min`; not later, and 0 if that is before the span.
+#[inline(always)]
+fn begin(span: &Span, corners: [&Pole; 3], t_min: f64) -> f64 {
+    if span.t[0] >= t_min {
+        return 0.0;
+    }
+    // t times the denominator is a cubic that is as monotone as t is.
+    let before = |s: f64| {
+        let r = 1.0 - s;
+        let [from, to] = span.heights;
+        let height = from + s * (to - from);
+        let w = &span.weights;
+        let mut sum = 0.0;
+        for k in 0..3 {
+            let weight = r * (r * w[0][k] + 2.0 * s * w[1][k]) + s * s * w[2][k];
+            sum += weight * (corners[k].t(height) - t_min);
+        }
+        sum
+    };
+    let (mut low, mut high) = (0.0, 1.0);
+    let (mut below, mut above) = (before(0.0), before(1.0));
+    for _ in 0..4 {
+        if !(below < 0.0 && above > 0.0) {
+            break;
+        }
+        let s = low + (high - low) * (below / (below - above)).clamp(0.02, 0.98);
+        let value = before(s);
+        if value < 0.0 {
+            (low, below) = (s, value);
+        } else {
+            (high, above) = (s, value);
+        }
+    }
+    low
+}
+
+/// `t` where the curve is over u and v at a height.
+#[inline(always)]
+fn along(poles: &[Pole; 4], uv: [f32; 2], quad: &Quad, height: f32) -> f32 {
+    let weights = quad.weights(uv);
+    let height = f64::from(height);
+    let mut t = 0.0;
+    for k in 0..4 {
+        t += weights[k] * poles[k].t(height);
+    }
+    t as f32
+}
