@@ -394,6 +394,12 @@ impl<'a> Builder<'a> {
             all_ranges.extend(made.ranges);
         }
 
+        // A node's rows of four may reach beyond a small quad, and so beyond the last height.
+        let longest = faces
+            .iter()
+            .map(|face: &Face| face.heights(self.cuts)[0])
+            .max();
+        heights.extend(std::iter::repeat_n(0, 4 * longest.unwrap_or(0) + 8));
         if shifts.iter().all(|shifts| *shifts == Shifts::default()) {
             shifts = Vec::new();
         }
@@ -515,25 +521,6 @@ impl<'a> Builder<'a> {
             rms_diagonals: (squares / count.max(1) as f64).sqrt() / diagonal,
             max_pixels: None,
             vertices: count,
-        }
-    }
-}
-
-impl Collapsed {
-    /// Gives the third side of the triangle with an area the heights of the quad's side that lies there, which the next
-    /// quad has as well. `n` micro-quads along each side, rows `stride` apart.
-    fn fold(self, n: usize, stride: usize, heights: &mut [u16]) {
-        let at = |i: usize, j: usize| j * stride + i;
-        for i in 0..=n {
-            let j = n - i;
-            let from = match self {
-                Self::None => return,
-                Self::Top => at(n, j),
-                Self::Right => at(i, n),
-                Self::Bottom => at(0, j),
-                Self::Left => at(i, 0),
-            };
-            heights[at(i, j)] = heights[from];
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::accel::simd::LANES;
 /// The logarithm of the most micro-quads along a side.
 pub(super) const MOST_LOG: u8 = 8;
 /// And of the fewest.
-pub(super) const LEAST_LOG: u8 = 2;
+pub(super) const LEAST_LOG: u8 = 1;
 /// Levels of the largest quad.
 pub(super) const LEVELS: usize = 4;
 
@@ -39,7 +39,7 @@ impl Size {
     /// The root's level.
     #[inline(always)]
     pub(super) fn root(self) -> u32 {
-        u32::from(self.0[0].max(self.0[1])).div_ceil(2) - 1
+        u32::from(self.0[0].max(self.0[1])).div_ceil(2).max(1) - 1
     }
 
     /// The logarithms of how many nodes a level has along u and v.
@@ -52,7 +52,7 @@ impl Size {
     /// Whether ranges are kept.
     #[inline(always)]
     pub(super) fn keeps_ranges(self) -> bool {
-        self.0[0].max(self.0[1]) > LEAST_LOG + 1
+        self.0[0].max(self.0[1]) > 3
     }
 
     /// Ranges that it has.

@@ -18,11 +18,10 @@
 //!
 //! **What is traced.** Faces are cut into quads, all alike in an object, and quads into a power of two of micro-quads along u
 //! and v, about as many as the dicing rates say. A quad's corners are limit points P with unit normals N. At each
-//! micro-vertex the height is kept with 16 bits: where the line P + h N there meets the plane through the displaced limit
-//! point, parallel to the limit surface there. So heights hold displacement and what the quad's triangles lack of the limit
-//! surface. Micro-vertices are off the displaced limit surface by half a step of height, and beside their own parameters by
-//! what lies between lines and normals; quads are so small that this is a part of a micro-edge, and
-//! [`achieved`](Nonlinear::achieved) tells what it is.
+//! micro-vertex the height is kept with 16 bits: where the line P + h N there meets the displaced limit surface, by `meet`.
+//! So heights hold displacement and what the quad's triangles lack of the limit surface. Micro-vertices are off that surface
+//! by half a step of height, but at other parameters than their own. How far those are shifted is kept as five pairs of
+//! numbers a quad, and hits have it; what is left is told by [`achieved`](Nonlinear::achieved).
 //!
 //! **Without cracks.** Heights and corners at an edge are the same numbers for all faces there; where faces are cut
 //! differently, the finer one has what the coarser one's line between two heights passes, exactly. See `prism` for how rays
@@ -31,6 +30,7 @@
 //! ```text
 //!   tree over quads     see `top`                                   some 9 bytes a quad
 //!     quad              where in which face; its range; a corner     36 bytes
+//!       shifts          of parameters                                20 bytes, unless all are none
 //!       ranges          a node's 4 x 4 children                      64 bytes, for 256 micro-quads
 //!   face                where its heights are                        24 bytes
 //!     heights           micro-vertices                               2 bytes each
@@ -166,6 +166,23 @@ impl Collapsed {
             Self::Left => [x, 1.0 - ratio(1.0 - y, x)],
         }
     }
+
+    /// Gives the third side of the triangle with an area the heights of the quad's side that lies there, which the next
+    /// quad has as well. `n` micro-quads along each side, rows `stride` apart.
+    fn fold(self, n: usize, stride: usize, heights: &mut [u16]) {
+        let at = |i: usize, j: usize| j * stride + i;
+        for i in 0..=n {
+            let j = n - i;
+            let from = match self {
+                Self::None => return,
+                Self::Top => at(n, j),
+                Self::Right => at(i, n),
+                Self::Bottom => at(0, j),
+                Self::Left => at(i, 0),
+            };
+            heights[at(i, j)] = heights[from];
+        }
+    }
 }
 
 impl Face {
@@ -215,7 +232,7 @@ fn weights([x, y]: [f64; 2]) -> [f64; 4] {
 }
 
 impl Nonlinear {
-    /// How far micro-vertices are from the displaced limit points of their parameters.
+    /// How far micro-vertices are from the displaced limit points of the parameters that hits there have.
     pub fn achieved(&self) -> AchievedError {
         self.achieved
     }

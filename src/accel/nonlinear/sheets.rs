@@ -83,8 +83,8 @@ impl<'a> Sheets<'a> {
         loop {
             let fine = Rates::uniform(&self.plain, 2 * cuts);
             let (grids, points) = self.corners(&fine);
-            // No finer than it takes to have four micro-quads along a side.
-            if 4 * cuts >= most || !self.bends(rates, cuts, &grids, &points) {
+            // No finer than leaves four micro-quads along a side: faces must not be diced much finer than asked.
+            if 8 * cuts > most || !self.bends(rates, cuts, &grids, &points) {
                 let (_, corners) = self.corners(&Rates::uniform(&self.plain, cuts));
                 return (cuts, corners);
             }
