@@ -9,13 +9,14 @@
 use rayon::prelude::*;
 
 use super::field::{LEAST_LOG, MOST_LOG, Ranges, Size, ranges};
+use super::meet::{Lines, MIDDLES, NEAR, Shifts, rounded, shift};
 use super::sheets::{Corner, Corners, Sheets};
-use super::{Collapsed, Nonlinear, Quad};
+use super::{Collapsed, Face, Leaf, Nonlinear, weights};
 use crate::accel::lattice::{Extent, Lattice};
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Fault, Result};
-use crate::math::{Bounds3, DVec3, Vec3};
+use crate::math::{Bounds3, DVec2, DVec3, Vec3};
 use crate::stats::AchievedError;
 use crate::surface::{Displacement, FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
@@ -53,11 +54,20 @@ struct Builder<'a> {
     unit: u32,
     /// By motion key.
     shared: Vec<[SharedSamples; 3]>,
+    lines: Lines<'a>,
+}
+
+/// The height of a line at a point, or where it meets the plane there, and how far off that is.
+fn placed(line: &Corner, point: DVec3, normal: DVec3) -> (f32, f64) {
+    let height = line.height(point, normal).unwrap_or(0.0) as f32;
+    (height, line.at(height.into()).distance(point))
 }
 
 /// A face's heights at a motion key, and how far from the displaced points they leave micro-vertices.
 struct Field {
     heights: Vec<f32>,
+    /// By quad.
+    shifts: Vec<Shifts>,
     largest: f64,
     squares: f64,
 }
@@ -127,6 +137,7 @@ impl<'a> Builder<'a> {
             rates,
             unit: 1 << ratio.unwrap_or(0),
             shared,
+            lines: Lines::new(sheets),
         }
     }
 
@@ -178,51 +189,87 @@ impl<'a> Builder<'a> {
         let [mu, mv] = grid.size.map(|n| usize::from(n) / self.cuts as usize);
         let mut field = Field {
             heights: vec![f32::NAN; columns * rows],
+            shifts: vec![Shifts::default(); (self.cuts * self.cuts) as usize],
             largest: 0.0,
             squares: 0.0,
         };
-        let mut keep = |at: usize, place: Corner, target: DVec3, normal: DVec3| {
-            let height = place.height(target, normal).unwrap_or(0.0) as f32;
-            let off = place.at(height.into()).distance(target);
-            field.heights[at] = height;
-            field.largest = field.largest.max(off);
-            field.squares += off * off;
-        };
+        let step = DVec2::new(1.0 / f64::from(grid.size[0]), 1.0 / f64::from(grid.size[1]));
+        let face = self.face(number, grid);
         let target = |at: usize| displaced[at].as_dvec3();
         let normal = |at: usize| lifted[at].as_dvec3() - plain[at].as_dvec3();
+        // The means of displacement, by quad.
+        let mean = |bi: usize, bj: usize| {
+            let mut sum = 0.0;
+            for (i, j) in [(1, 1), (1, 3), (2, 2), (3, 1), (3, 3)] {
+                let at = (bj * mv + j * mv / 4) * columns + bi * mu + i * mu / 4;
+                let n = normal(at);
+                let h = (target(at) - plain[at].as_dvec3()).dot(n) / n.length();
+                sum += if h.is_finite() { 0.2 * h } else { 0.0 };
+            }
+            sum
+        };
         for (bj, bi) in
             (0..self.cuts as usize).flat_map(|j| (0..self.cuts as usize).map(move |i| (j, i)))
         {
             let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(i, j)| corner(bi + i, bj + j));
-            let collapsed = self.collapsed(grid.face, [bi, bj]);
+            let collapsed = face.collapsed(self.cuts, [bi as u16, bj as u16]);
+            let shifts = &mut field.shifts[bj * self.cuts as usize + bi];
+            if collapsed == Collapsed::None {
+                let height = mean(bi, bj);
+                for (kept, [x, y]) in shifts.iter_mut().zip(MIDDLES) {
+                    let line = Corner::within(&corners, x, y);
+                    let at = DVec2::new(bi as f64 + x, bj as f64 + y) / f64::from(self.cuts);
+                    let by = self.lines.shift(grid.face, key as u32, &line, at, height);
+                    *kept = rounded(f64::from(self.cuts) * by);
+                }
+            }
             for y in usize::from(bj == 0)..mv {
                 for x in usize::from(bi == 0)..mu {
                     let at = (bj * mv + y) * columns + bi * mu + x;
                     let part = [x as f64 / mu as f64, y as f64 / mv as f64];
-                    let place = Corner::within(&corners, part[0], part[1]);
+                    let line = Corner::within(&corners, part[0], part[1]);
+                    let off;
                     if collapsed == Collapsed::None {
-                        keep(at, place, target(at), normal(at));
-                        continue;
-                    }
-                    // Between the micro-vertices next to its place along the row, or the column.
-                    let [u, v] = collapsed.stretched(part);
-                    let (u, v) = (u * mu as f64, v * mv as f64);
-                    let (i, j) = (u as usize, v as usize);
-                    let first = (bj * mv + j) * columns + bi * mu + i;
-                    let (next, part) = if u > i as f64 {
-                        (first + 1, u - i as f64)
-                    } else if v > j as f64 {
-                        (first + columns, v - j as f64)
+                        let (mut height, aside) = placed(&line, target(at), normal(at));
+                        // The next ones are there, as it is inside of the face.
+                        let by_step = [at + 1, at + columns]
+                            .map(|next| plain[next].as_dvec3() - plain[at].as_dvec3());
+                        let edge = by_step[0].length().min(by_step[1].length());
+                        let by = shift(shifts, weights(part));
+                        let by = DVec2::new(by[0] * mu as f64, by[1] * mv as f64);
+                        let mut missed = line.at(height.into()) - target(at);
+                        if aside > NEAR * edge {
+                            let here = DVec2::new((bi * mu + x) as f64, (bj * mv + y) as f64);
+                            let start = (here + by) * step;
+                            let (lines, key) = (&self.lines, key as u32);
+                            if let Some(found) = lines.meet(grid.face, key, &line, start, step) {
+                                (height, _) = placed(&line, found.point, found.normal);
+                                let moved = found.uv / step - here;
+                                missed = moved.x * by_step[0] + moved.y * by_step[1];
+                            }
+                        }
+                        field.heights[at] = height;
+                        off = (missed - by.x * by_step[0] - by.y * by_step[1]).length();
                     } else {
-                        (first, 0.0)
-                    };
-                    let between = |a: DVec3, b: DVec3| a + part * (b - a);
-                    keep(
-                        at,
-                        place,
-                        between(target(first), target(next)),
-                        between(normal(first), normal(next)),
-                    );
+                        // Between the micro-vertices next to its place along the row, or the column.
+                        let [u, v] = collapsed.stretched(part);
+                        let (u, v) = (u * mu as f64, v * mv as f64);
+                        let (i, j) = (u as usize, v as usize);
+                        let first = (bj * mv + j) * columns + bi * mu + i;
+                        let (next, part) = if u > i as f64 {
+                            (first + 1, u - i as f64)
+                        } else if v > j as f64 {
+                            (first + columns, v - j as f64)
+                        } else {
+                            (first, 0.0)
+                        };
+                        let between = |a: DVec3, b: DVec3| a + part * (b - a);
+                        let point = between(target(first), target(next));
+                        let normal = between(normal(first), normal(next));
+                        (field.heights[at], off) = placed(&line, point, normal);
+                    }
+                    field.largest = field.largest.max(off);
+                    field.squares += off * off;
                 }
             }
         }
@@ -259,26 +306,35 @@ impl<'a> Builder<'a> {
                 };
                 let (i, j) = place(grid.size.map(usize::from), sample * (n / samples));
                 let at = j * columns + i;
-                keep(at, here, target(at), normal(at));
+                let (height, aside) = placed(&here, target(at), normal(at));
+                field.heights[at] = height;
+                let long = |p: Corner, q: Corner| p.p.distance(q.p) * cuts as f64 / samples as f64;
+                if part > 0.0 && aside > NEAR * long(end(segment), end(segment + 1)) {
+                    let (along, step) = (along as f64 / samples as f64, 1.0 / samples as f64);
+                    let lines = &self.lines;
+                    let found = lines.meet_on_edge(used.edge, key as u32, &here, along, step);
+                    if let Some(found) = found {
+                        (field.heights[at], _) = placed(&here, found.point, found.normal);
+                    }
+                }
             }
         }
         field
     }
 
-    /// The side of a face's quad that is a point.
-    fn collapsed(&self, face: u32, [bi, bj]: [usize; 2]) -> Collapsed {
+    /// A face, whose heights and ranges begin nowhere yet.
+    fn face(&self, number: usize, grid: &FaceGrid) -> Face {
         let base = self.sheets.plain.base();
-        let last = self.cuts as usize - 1;
-        let sides = [
-            (bj == last, 2, Collapsed::Top),
-            (bi == last, 1, Collapsed::Right),
-            (bj == 0, 0, Collapsed::Bottom),
-            (bi == 0, 3, Collapsed::Left),
-        ];
-        let found = sides
-            .into_iter()
-            .find(|&(there, k, _)| there && base.is_collapsed(face, k));
-        found.map_or(Collapsed::None, |(.., side)| side)
+        let side = |k: u8| u8::from(base.is_collapsed(grid.face, k.into())) << k;
+        let quads = |n: u16| u32::from(n) / self.cuts;
+        Face {
+            face: grid.face,
+            corner: self.quads[number].first_vertex as u32,
+            heights: 0,
+            ranges: 0,
+            size: Size(grid.size.map(|n| quads(n).trailing_zeros() as u8)),
+            collapsed: side(0) | side(1) | side(2) | side(3),
+        }
     }
 
     fn joined(self, fields: &[Vec<Field>]) -> Result<Nonlinear> {
@@ -309,9 +365,12 @@ impl<'a> Builder<'a> {
             .into_par_iter()
             .map(|number| self.made(number, &fields[number], low, step))
             .collect();
-        let mut quads = Vec::new();
+        let mut quads = Vec::with_capacity(made.iter().map(|made| made.quads.len()).sum());
+        let mut faces = Vec::with_capacity(made.len());
+        let mut shifts: Vec<Shifts> = Vec::with_capacity(quads.capacity() * keys);
         let mut heights = Vec::with_capacity(made.iter().map(|made| made.heights.len()).sum());
-        let mut all_ranges: Vec<Ranges> = Vec::new();
+        let mut all_ranges: Vec<Ranges> =
+            Vec::with_capacity(made.iter().map(|made| made.ranges.len()).sum());
         for made in made {
             if u32::try_from(heights.len() + made.heights.len()).is_err() {
                 return Err(Error::Memory {
@@ -321,15 +380,29 @@ impl<'a> Builder<'a> {
                     ),
                 });
             }
-            for mut quad in made.quads {
-                quad.heights += heights.len() as u32;
-                quad.ranges += all_ranges.len() as u32;
-                quads.push(quad);
+            faces.push(Face {
+                heights: heights.len() as u32,
+                ranges: all_ranges.len() as u32,
+                ..made.face
+            });
+            quads.extend(made.quads);
+            for quad in 0..(self.cuts * self.cuts) as usize {
+                let keys = fields[faces.len() - 1].iter();
+                shifts.extend(keys.map(|field| field.shifts[quad]));
             }
             heights.extend(made.heights);
             all_ranges.extend(made.ranges);
         }
 
+        // A node's rows of four may reach beyond a small quad, and so beyond the last height.
+        let longest = faces
+            .iter()
+            .map(|face: &Face| face.heights(self.cuts)[0])
+            .max();
+        heights.extend(std::iter::repeat_n(0, 4 * longest.unwrap_or(0) + 8));
+        if shifts.iter().all(|shifts| *shifts == Shifts::default()) {
+            shifts = Vec::new();
+        }
         let mut new = Nonlinear {
             isa: Isa::best(),
             lattice: Lattice::around(&Bounds3::EMPTY, 0.0),
@@ -339,8 +412,10 @@ impl<'a> Builder<'a> {
             cuts: self.cuts,
             top: Top::default(),
             quads,
+            faces,
             corners,
             heights,
+            shifts,
             ranges: all_ranges,
             achieved: self.achieved(fields, step),
         };
@@ -348,64 +423,55 @@ impl<'a> Builder<'a> {
         Ok(new)
     }
 
-    /// The quads of a face.
+    /// A face with its quads.
     fn made(&self, number: usize, fields: &[Field], low: f64, step: f64) -> Made {
         let grid = &self.grids[number];
-        let columns = usize::from(grid.size[0]) + 1;
-        let steps: Vec<Vec<u16>> = fields
+        let mut face = self.face(number, grid);
+        let mut steps: Vec<Vec<u16>> = fields
             .iter()
             .map(|field| self.steps(grid, &field.heights, low, step))
             .collect();
-        let cuts = self.cuts as usize;
-        let [mu, mv] = grid.size.map(|n| usize::from(n) / cuts);
-        let mut made = Made::default();
-        for (bj, bi) in (0..cuts).flat_map(|j| (0..cuts).map(move |i| (j, i))) {
-            let rows = |key: usize| {
-                let first = bj * mv * columns + bi * mu;
-                (0..=mv)
-                    .map(move |y| first + y * columns..first + y * columns + mu + 1)
-                    .map({
-                        let steps = &steps[key];
-                        move |row| &steps[row]
-                    })
-            };
-            let (mut least, mut most) = (u16::MAX, 0);
-            for key in 0..steps.len() {
-                for &h in rows(key).flatten() {
-                    (least, most) = (least.min(h), most.max(h));
-                }
-            }
+        let first = steps.first().and_then(|steps| steps.first()).copied();
+        let is_flat = |&first: &u16| steps.iter().flatten().all(|&h| h == first);
+        if let Some(height) = first.filter(is_flat) {
             // What is all alike need not be fine.
-            let size = if least == most {
-                Size([LEAST_LOG; 2])
-            } else {
-                Size([mu, mv].map(|n| n.trailing_zeros() as u8))
-            };
-            let collapsed = self.collapsed(grid.face, [bi, bj]);
-            made.quads.push(Quad {
-                face: grid.face,
-                corner: self.quads[number].vertex(bi as u16, bj as u16) as u32,
-                heights: made.heights.len() as u32,
-                ranges: made.ranges.len() as u32,
-                place: [bi as u16, bj as u16],
-                size,
+            face.size = Size([LEAST_LOG; 2]);
+            let [_, in_face] = face.heights(self.cuts);
+            steps.fill(vec![height; in_face]);
+        }
+        let cuts = self.cuts as usize;
+        let [mu, mv] = face.size.quads();
+        let [stride, _] = face.heights(self.cuts);
+        let mut quads = Vec::with_capacity(cuts * cuts);
+        let mut all_ranges = Vec::with_capacity(cuts * cuts * steps.len() * face.size.ranges());
+        for (bj, bi) in (0..cuts).flat_map(|j| (0..cuts).map(move |i| (j, i))) {
+            let first = bj * mv * stride + bi * mu;
+            let place = [bi as u16, bj as u16];
+            let collapsed = face.collapsed(self.cuts, place);
+            let (mut least, mut most) = (u16::MAX, 0);
+            for steps in &mut steps {
+                let heights = &mut steps[first..];
+                collapsed.fold(mu, stride, heights);
+                for row in heights.chunks(stride).take(mv + 1) {
+                    for &h in &row[..=mu] {
+                        (least, most) = (least.min(h), most.max(h));
+                    }
+                }
+                ranges(face.size, heights, stride, &mut all_ranges);
+            }
+            quads.push(Leaf {
+                face: number as u32,
+                place,
                 low: least,
                 high: most,
-                collapsed,
             });
-            for key in 0..steps.len() {
-                let first = made.heights.len();
-                if least == most {
-                    made.heights
-                        .extend(std::iter::repeat_n(least, size.heights()));
-                } else {
-                    rows(key).for_each(|row| made.heights.extend_from_slice(row));
-                    collapsed.fold(mu, &mut made.heights[first..]);
-                }
-                ranges(size, &made.heights[first..], &mut made.ranges);
-            }
         }
-        made
+        Made {
+            face,
+            quads,
+            heights: steps.concat(),
+            ranges: all_ranges,
+        }
     }
 
     /// A face's heights in steps above the least one.
@@ -459,29 +525,10 @@ impl<'a> Builder<'a> {
     }
 }
 
-impl Collapsed {
-    /// Gives the third side of the triangle with an area the heights of the quad's side that lies there, which the next
-    /// quad has as well. `n` micro-quads along each side.
-    fn fold(self, n: usize, heights: &mut [u16]) {
-        let at = |i: usize, j: usize| j * (n + 1) + i;
-        for i in 0..=n {
-            let j = n - i;
-            let from = match self {
-                Self::None => return,
-                Self::Top => at(n, j),
-                Self::Right => at(i, n),
-                Self::Bottom => at(0, j),
-                Self::Left => at(i, 0),
-            };
-            heights[at(i, j)] = heights[from];
-        }
-    }
-}
-
-/// A face's quads; their numbers are counted within the face.
-#[derive(Default)]
+/// A face with its quads.
 struct Made {
-    quads: Vec<Quad>,
+    face: Face,
+    quads: Vec<Leaf>,
     heights: Vec<u16>,
     ranges: Vec<Ranges>,
 }
@@ -490,8 +537,10 @@ impl Nonlinear {
     /// Builds the tree over the quads, and puts them in its order. A motion key has `each` corners.
     pub(super) fn arrange(&mut self, each: usize) {
         let row = self.cuts as usize + 1;
-        let hull = |quad: &Quad, key: usize| {
-            let corner = |next: usize| &self.corners[key * each + quad.corner as usize + next];
+        let hull = |quad: &Leaf, key: usize| {
+            let [i, j] = quad.place.map(usize::from);
+            let first = self.faces[quad.face as usize].corner as usize + j * row + i;
+            let corner = |next: usize| &self.corners[key * each + first + next];
             let lines = [0, 1, row, row + 1].map(corner);
             let heights = [quad.low, quad.high];
             lines

@@ -2,7 +2,8 @@
 //!
 //! A node of level 0 has 4 x 4 micro-quads for children, whose ranges follow from their heights. A node of level k has 4 x 4
 //! nodes of level k - 1, and their ranges are kept: 64 bytes. Nodes follow each other level by level from the root down, and
-//! row by row; where one is, is arithmetic.
+//! row by row; where one is, is arithmetic. Where the root has 2 x 2 children at most, nothing is kept: it has the quad's
+//! own range.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,7 +12,7 @@ use crate::accel::simd::LANES;
 /// The logarithm of the most micro-quads along a side.
 pub(super) const MOST_LOG: u8 = 8;
 /// And of the fewest.
-pub(super) const LEAST_LOG: u8 = 2;
+pub(super) const LEAST_LOG: u8 = 1;
 /// Levels of the largest quad.
 pub(super) const LEVELS: usize = 4;
 
@@ -35,16 +36,10 @@ impl Size {
         self.0.map(|log| 1 << log)
     }
 
-    /// Heights that it has.
-    pub(super) fn heights(self) -> usize {
-        let [nu, nv] = self.quads();
-        (nu + 1) * (nv + 1)
-    }
-
     /// The root's level.
     #[inline(always)]
     pub(super) fn root(self) -> u32 {
-        u32::from(self.0[0].max(self.0[1])).div_ceil(2) - 1
+        u32::from(self.0[0].max(self.0[1])).div_ceil(2).max(1) - 1
     }
 
     /// The logarithms of how many nodes a level has along u and v.
@@ -54,9 +49,23 @@ impl Size {
             .map(|log| u32::from(log).saturating_sub(2 * level + 2))
     }
 
+    /// Whether ranges are kept.
+    #[inline(always)]
+    pub(super) fn keeps_ranges(self) -> bool {
+        self.0[0].max(self.0[1]) > 3
+    }
+
     /// Ranges that it has.
+    #[inline(always)]
     pub(super) fn ranges(self) -> usize {
-        (1..=self.root()).map(|level| self.count(level)).sum()
+        if !self.keeps_ranges() {
+            return 0;
+        }
+        let mut ranges = 0;
+        for level in 1..=self.root() {
+            ranges += self.count(level);
+        }
+        ranges
     }
 
     #[inline(always)]
@@ -68,16 +77,20 @@ impl Size {
     /// The place of a node's ranges, of level 1 at least, whose first micro-quad is in that column and row.
     #[inline(always)]
     pub(super) fn place(self, level: u32, [i, j]: [u32; 2]) -> usize {
-        let above: usize = (level + 1..=self.root())
-            .map(|level| self.count(level))
-            .sum();
+        let mut above = 0;
+        for level in level + 1..=self.root() {
+            above += self.count(level);
+        }
         let shift = 2 * level + 2;
         above + (((j >> shift) as usize) << self.nodes(level)[0]) + (i >> shift) as usize
     }
 }
 
-/// All ranges of a quad's heights, level by level.
-pub(super) fn ranges(size: Size, heights: &[u16], out: &mut Vec<Ranges>) {
+/// All ranges of a quad's heights, level by level. They begin with its first one, and rows are `stride` apart.
+pub(super) fn ranges(size: Size, heights: &[u16], stride: usize, out: &mut Vec<Ranges>) {
+    if !size.keeps_ranges() {
+        return;
+    }
     const NOTHING: (u16, u16) = (u16::MAX, 0);
     let join = |a: (u16, u16), b: (u16, u16)| (a.0.min(b.0), a.1.max(b.1));
     let [nu, nv] = size.quads();
@@ -96,7 +109,7 @@ pub(super) fn ranges(size: Size, heights: &[u16], out: &mut Vec<Ranges>) {
         for x in (0..nu).step_by(4) {
             let rows = y..=(y + 4).min(nv);
             let range = rows.fold(NOTHING, |range, y| {
-                let row = &heights[y * (nu + 1)..][x..=(x + 4).min(nu)];
+                let row = &heights[y * stride..][x..=(x + 4).min(nu)];
                 row.iter().fold(range, |range, &h| join(range, (h, h)))
             });
             squares.push(range);
@@ -129,16 +142,31 @@ mod tests {
     #[test]
     fn ranges_enclose_the_heights_below_and_are_reached() {
         let mut random = Random(5);
-        for size in [[2, 2], [3, 2], [4, 4], [5, 3], [2, 8], [6, 6], [7, 8]].map(Size) {
+        for size in [
+            [2, 2],
+            [3, 2],
+            [4, 2],
+            [4, 4],
+            [5, 3],
+            [2, 8],
+            [6, 6],
+            [7, 8],
+        ]
+        .map(Size)
+        {
             let [nu, nv] = size.quads();
-            let heights: Vec<u16> = (0..size.heights())
+            let stride = nu + 3;
+            let heights: Vec<u16> = (0..stride * (nv + 1))
                 .map(|_| (65535.0 * random.next()) as u16)
                 .collect();
             let mut all = Vec::new();
-            ranges(size, &heights, &mut all);
+            ranges(size, &heights, stride, &mut all);
             assert_eq!(all.len(), size.ranges());
             let mut seen = vec![false; all.len()];
             for level in 1..=size.root() {
+                if !size.keeps_ranges() {
+                    break;
+                }
                 let side = 1 << (2 * level);
                 for j in (0..nv).step_by(side) {
                     for i in (0..nu).step_by(side) {
@@ -148,7 +176,7 @@ mod tests {
                         let child = 4 * (j / side % 4) + i / side % 4;
                         let (mut low, mut high) = (u16::MAX, 0);
                         for y in j..=(j + side).min(nv) {
-                            for &h in &heights[y * (nu + 1)..][i..=(i + side).min(nu)] {
+                            for &h in &heights[y * stride..][i..=(i + side).min(nu)] {
                                 (low, high) = (low.min(h), high.max(h));
                             }
                         }

@@ -8,12 +8,18 @@ use crate::surface::{
     Amount, Diced, Displacement, FaceGrid, Function, Rates, Scratch, SharedSamples, Surface,
 };
 
-/// How far micro-vertices may lie beside the displaced limit points of their parameters, in micro-edges, before faces are
-/// cut into more quads.
-const MOST_ASIDE: f64 = 0.25;
+/// How far lines over micro-vertices may pass by the displaced limit points of their parameters, in micro-edges, before
+/// faces are cut into more quads.
+const MOST_ASIDE: f64 = 2.5;
 
 /// Of the places that are looked at, so many may lie farther off.
-const OUTLIERS: f64 = 0.01;
+const OUTLIERS: f64 = 0.05;
+
+/// How far without displacement, in diagonals of the object: it matters where micro-edges are long.
+const MOST_BASE_ASIDE: f64 = 2e-3;
+
+/// Of the places that are looked at, so many may lie farther off than that.
+const BASE_OUTLIERS: f64 = 0.01;
 
 /// A surface and what it is made of.
 pub(super) struct Sheets<'a> {
@@ -77,8 +83,8 @@ impl<'a> Sheets<'a> {
         loop {
             let fine = Rates::uniform(&self.plain, 2 * cuts);
             let (grids, points) = self.corners(&fine);
-            // No finer than it takes to have four micro-quads along a side.
-            if 4 * cuts >= most || !self.bends(rates, cuts, &grids, &points) {
+            // No finer than leaves four micro-quads along a side: faces must not be diced much finer than asked.
+            if 8 * cuts > most || !self.bends(rates, cuts, &grids, &points) {
                 let (_, corners) = self.corners(&Rates::uniform(&self.plain, cuts));
                 return (cuts, corners);
             }
@@ -98,7 +104,8 @@ impl<'a> Sheets<'a> {
                 )
             })
             .collect();
-        let counts: Vec<[u64; 2]> = grids
+        let most_base = MOST_BASE_ASIDE * f64::from(self.far);
+        let counts: Vec<[u64; 3]> = grids
             .par_iter()
             .map_init(Scratch::default, |scratch, grid| {
                 let size = rates
@@ -107,7 +114,7 @@ impl<'a> Sheets<'a> {
                 let [columns, rows] = grid.vertices();
                 let first = grid.first_vertex as usize;
                 let mut moved = vec![Vec3::ZERO; (columns * rows) as usize];
-                let mut count = [0, 0];
+                let mut count = [0; 3];
                 for (key, points) in points.iter().enumerate() {
                     self.displaced.dice_face(
                         &FaceGrid {
@@ -132,10 +139,8 @@ impl<'a> Sheets<'a> {
                             let middle = a.lerp(&b, 0.5);
                             let here = at(i, j);
                             let target = moved[j * columns + i].as_dvec3();
-                            let Some(height) = middle.height(target, here.n) else {
-                                continue;
-                            };
-                            let aside = middle.at(height).distance(target);
+                            let aside = middle.aside(target, here.n);
+                            let base = middle.aside(here.p, here.n);
                             // Two cells have the micro-edges of a quad.
                             let long = |p: Corner, q: Corner, n: f64| p.p.distance(q.p) / n;
                             let edges = [
@@ -147,24 +152,25 @@ impl<'a> Sheets<'a> {
                             let edge = edges.into_iter().flatten().fold(0.0, f64::max);
                             count[0] += 1;
                             count[1] += u64::from(aside > MOST_ASIDE * edge);
+                            count[2] += u64::from(base > most_base);
                         }
                     }
                 }
                 count
             })
             .collect();
-        let [all, off] = counts
+        let [all, off, far] = counts
             .iter()
-            .fold([0, 0], |a, b| [a[0] + b[0], a[1] + b[1]]);
-        off as f64 > OUTLIERS * all as f64
+            .fold([0; 3], |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]]);
+        far as f64 > BASE_OUTLIERS * all as f64 || off as f64 > OUTLIERS * all as f64
     }
 }
 
 /// A corner, or a place between corners: points of its line.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Corner {
-    p: DVec3,
-    n: DVec3,
+    pub(super) p: DVec3,
+    pub(super) n: DVec3,
 }
 
 impl Corner {
@@ -203,6 +209,12 @@ impl Corner {
 
     pub(super) fn at(&self, height: f64) -> DVec3 {
         self.p + height * self.n
+    }
+
+    /// How far from `target` that is.
+    fn aside(&self, target: DVec3, normal: DVec3) -> f64 {
+        let height = self.height(target, normal);
+        height.map_or(0.0, |height| self.at(height).distance(target))
     }
 
     /// Where its line meets the plane through `target` across `normal`; where it hardly does, its point next to that.

@@ -314,7 +314,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     /// The nearest hit on a quad.
     #[inline(always)]
     fn quad<L: Lanes>(&self, lanes: L, number: u32) -> Option<Met> {
-        let quad = &self.of.quads[number as usize];
+        let quad = &self.of.quad(number);
         let [a, b, c, d] = self.of.corners(quad, self.moment);
         let poles = [
             self.sheared.pole(a),
@@ -381,7 +381,6 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         t_max: f32,
     ) -> Option<Met> {
         let [nu, nv] = quad.size.quads();
-        let stride = nu + 1;
         let sizes = nu.max(nv) as f32;
         let level = quad.size.root();
         for piece in pieces {
@@ -395,7 +394,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             });
             while let Some(node) = waiting.pop() {
                 let parts = lined.children(lanes, &node);
-                let ranges = self.ranges(lanes, quad, &node, stride);
+                let ranges = self.ranges(lanes, quad, &node);
                 let mut hits = lined.within(lanes, parts, ranges);
                 if hits == 0 {
                     continue;
@@ -427,7 +426,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
                     hits &= hits - 1;
                     let child = lined.child(lane);
                     let cell = [node.first[0] + child[0], node.first[1] + child[1]];
-                    let heights = self.cell(quad, cell, stride);
+                    let heights = self.of.cell(quad, cell, self.moment);
                     let at = [cell[0] as f32, cell[1] as f32];
                     let Some(s) = micro::first(curve, at, sizes, &heights, from[lane], to[lane])
                     else {
@@ -456,18 +455,18 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
 
     /// The least and greatest heights of a node's children.
     #[inline(always)]
-    fn ranges<L: Lanes>(
-        &self,
-        lanes: L,
-        quad: &Quad,
-        node: &Node,
-        stride: usize,
-    ) -> [L::Floats; 2] {
-        let from = self.ranges_at(lanes, quad, node, stride, self.moment.from);
+    fn ranges<L: Lanes>(&self, lanes: L, quad: &Quad, node: &Node) -> [L::Floats; 2] {
+        if node.level > 0 && !quad.size.keeps_ranges() {
+            return [
+                lanes.floats(f32::from(quad.low)),
+                lanes.floats(f32::from(quad.high)),
+            ];
+        }
+        let from = self.ranges_at(lanes, quad, node, self.moment.from);
         if !MOVES {
             return from;
         }
-        let to = self.ranges_at(lanes, quad, node, stride, self.moment.to);
+        let to = self.ranges_at(lanes, quad, node, self.moment.to);
         [
             self.moment.between_lanes(lanes, from[0], to[0]),
             self.moment.between_lanes(lanes, from[1], to[1]),
@@ -481,20 +480,18 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         lanes: L,
         quad: &Quad,
         node: &Node,
-        stride: usize,
         key: usize,
     ) -> [L::Floats; 2] {
         if node.level > 0 {
-            let place = quad.ranges as usize
-                + key * quad.size.ranges()
-                + quad.size.place(node.level, node.first);
+            let place = quad.ranges + key * quad.count + quad.size.place(node.level, node.first);
             let ranges = &self.of.ranges[place];
             return [
                 lanes.to_floats(lanes.shorts(&ranges.low)),
                 lanes.to_floats(lanes.shorts(&ranges.high)),
             ];
         }
-        let first = quad.heights as usize + key * quad.size.heights();
+        let stride = quad.stride;
+        let first = quad.heights + key * quad.in_face;
         let first = first + node.first[1] as usize * stride + node.first[0] as usize;
         let a = self.square(lanes, first, stride);
         let b = self.square(lanes, first + 1, stride);
@@ -516,12 +513,6 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             first + 3 * stride,
         ];
         lanes.to_floats(lanes.fours(&self.of.heights, rows))
-    }
-
-    /// The heights of a micro-quad's corners.
-    #[inline(always)]
-    fn cell(&self, quad: &Quad, cell: [u32; 2], stride: usize) -> micro::Heights {
-        self.of.cell(quad, cell, stride, self.moment)
     }
 }
 
