@@ -1,5 +1,6 @@
 //! Faces, their quads, and patches: up to 4 x 4 blocks of a quad.
 
+use super::woven;
 use crate::accel::quads::CELLS;
 use crate::math::Vec2;
 use crate::surface::edge_uv;
@@ -28,6 +29,8 @@ pub(super) struct Face {
     pub(super) quads: [u16; 2],
     /// Of each quad.
     pub(super) cells: [u16; 2],
+    /// Quads of a patch along u and v: more than one where they are smaller than a block.
+    pub(super) group: [u16; 2],
     /// One by these: see [`share`].
     pub(super) share: [f32; 2],
     /// The first of its corners, which follow one another row by row.
@@ -55,16 +58,16 @@ pub(super) struct Side {
     pub(super) collapsed: bool,
 }
 
-/// A part of a quad.
+/// A part of a quad, or several small ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Patch {
     /// By its place among the faces that are not holes.
     pub(super) face: u32,
-    /// Column and row of the quad.
+    /// Column and row of the quad, the first one if there are several.
     pub(super) quad: [u16; 2],
     /// Column and row in the quad.
     pub(super) piece: [u16; 2],
-    /// Of its blocks' heights; nothing if there is a single block.
+    /// Of its blocks' heights; those themselves, as a code, if there is a single block.
     pub(super) ranges: u32,
 }
 
@@ -123,14 +126,51 @@ impl Face {
         [first, first + 1, first + stride, first + stride + 1]
     }
 
+    /// How many quads patches have at most, of so many micro-quads each.
+    pub(super) fn group(cells: [u16; 2]) -> [u16; 2] {
+        let most = cells.map(|n| (CELLS / usize::from(n)).min(woven::MOST) as u16);
+        if most.contains(&0) { [1; 2] } else { most }
+    }
+
+    /// Whether its patches are of several quads.
+    #[inline(always)]
+    pub(super) fn is_woven(&self) -> bool {
+        self.group != [1; 2]
+    }
+
+    /// How many quads the patch from a quad on has.
+    #[inline(always)]
+    pub(super) fn count(&self, quad: [u16; 2]) -> [usize; 2] {
+        [0, 1].map(|k| usize::from(self.group[k].min(self.quads[k] - quad[k])))
+    }
+
+    /// The quad of a micro-vertex that is given by column and row from some quad on, and where it is in that.
+    pub(super) fn in_quad(&self, from: [u16; 2], at: [usize; 2]) -> ([u16; 2], [usize; 2]) {
+        let (mut quad, mut within) = (from, at);
+        for k in 0..2 {
+            let n = usize::from(self.cells[k]);
+            let beyond = (at[k] / n).min(usize::from(self.quads[k] - 1 - from[k]));
+            quad[k] += beyond as u16;
+            within[k] -= beyond * n;
+        }
+        (quad, within)
+    }
+
     /// How many patches a quad is cut into, along u and v.
     pub(super) fn pieces(&self) -> [usize; 2] {
         self.cells.map(|n| usize::from(n).div_ceil(SPAN))
     }
 
-    /// Where a patch is in its quad.
+    /// Where a patch is, from its first quad on.
     #[inline(always)]
     pub(super) fn span(&self, patch: &Patch) -> Span {
+        if self.is_woven() {
+            let count = self.count(patch.quad);
+            return Span {
+                first: [0; 2],
+                cells: [0, 1].map(|k| count[k] * usize::from(self.cells[k])),
+            };
+        }
         let mut span = Span {
             first: [0; 2],
             cells: [0; 2],
