@@ -16,8 +16,8 @@ use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec2, Vec3};
 use crate::surface::{
-    Amount, Displacement, DisplacementPoint, FaceGrid, MOST_SEGMENTS, Rates, Region, Shell,
-    ShellTolerance, Surface, Torn, UvRect,
+    Amount, Displacement, DisplacementPoint, FaceGrid, Rates, Region, Shell, ShellTolerance,
+    Surface, Torn, UvRect,
 };
 
 /// Patches that are in work at once.
@@ -68,7 +68,7 @@ impl Dbvh {
             heights,
             ..options.tolerance
         };
-        let shell = Shell::new(surface, rates, &tolerance);
+        let shell = Shell::new(surface, rates, &tolerance, Face::fitting);
         let mut faces: Vec<Face> = (shell.grids().iter())
             .map(|grid| diced(surface, rates, grid))
             .collect();
@@ -322,10 +322,7 @@ fn at_key(key: usize) -> Moment {
 /// How many micro-quads a face's quads have: what its rates come to, rounded.
 fn diced(surface: &Surface, rates: &Rates, grid: &FaceGrid) -> Face {
     let within = rates.face(grid.face);
-    let cells = [0, 1].map(|k| {
-        let each = (f64::from(within[k]) / f64::from(grid.size[k])).round();
-        each.clamp(1.0, f64::from(MOST_SEGMENTS)) as u16
-    });
+    let cells = [0, 1].map(|k| Face::cells(u32::from(grid.size[k]), within[k]));
     edges::face(surface.base(), grid, cells)
 }
 

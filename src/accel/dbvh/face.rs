@@ -3,7 +3,7 @@
 use super::woven;
 use crate::accel::quads::CELLS;
 use crate::math::Vec2;
-use crate::surface::edge_uv;
+use crate::surface::{MOST_SEGMENTS, edge_uv};
 
 /// Blocks along a patch's side.
 pub(super) const FAN: usize = 4;
@@ -124,6 +124,34 @@ impl Face {
         let stride = usize::from(self.quads[0]) + 1;
         let first = self.first as usize + usize::from(j) * stride + usize::from(i);
         [first, first + 1, first + stride, first + stride + 1]
+    }
+
+    /// How many micro-quads a quad has along a side that is to have `rate` of them, if it has so many quads.
+    pub(super) fn cells(quads: u32, rate: u32) -> u16 {
+        let each = (f64::from(rate) / f64::from(quads)).round();
+        each.clamp(1.0, f64::from(MOST_SEGMENTS)) as u16
+    }
+
+    /// How many quads a side gets that needs at least so many: those that fill blocks best, and may be up to twice as many.
+    pub(super) fn fitting(needed: u32, rate: u32) -> u32 {
+        let blocks = |quads: u32| {
+            let cells = usize::from(Self::cells(quads, rate));
+            let quads = quads as usize;
+            if cells > CELLS {
+                quads * cells.div_ceil(CELLS)
+            } else {
+                quads.div_ceil((CELLS / cells).min(woven::MOST))
+            }
+        };
+        // About as fine as it is to be.
+        let fits = |quads: &u32| {
+            let all = quads * u32::from(Self::cells(*quads, rate));
+            14 * all >= 13 * rate && 5 * all <= 6 * rate
+        };
+        (needed..=(2 * needed).min(rate.max(needed)))
+            .filter(fits)
+            .min_by_key(|&quads| (blocks(quads), quads))
+            .unwrap_or(needed)
     }
 
     /// How many quads patches have at most, of so many micro-quads each.
@@ -308,6 +336,23 @@ mod tests {
         for n in 1..=4096 {
             let [last, all] = [n - 1, n].map(|i| f32::from(i) * share(n));
             assert!(last < 1.0 && (1.0..1.000_000_3).contains(&all), "{n}");
+        }
+    }
+
+    #[test]
+    fn quads_fill_blocks() {
+        // 8 of 9 micro-quads would be 16 blocks.
+        assert_eq!((Face::fitting(8, 75), Face::cells(11, 75)), (11, 7));
+        assert_eq!((Face::fitting(1, 75), Face::cells(1, 75)), (1, 75));
+        assert_eq!((Face::fitting(32, 75), Face::group([2, 2])), (35, [3, 3]));
+        for rate in 1..200 {
+            for needed in 1..=rate {
+                let quads = Face::fitting(needed, rate);
+                assert!(
+                    (needed..=rate).contains(&quads),
+                    "{needed} of {rate}: {quads}"
+                );
+            }
         }
     }
 

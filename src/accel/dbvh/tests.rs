@@ -313,7 +313,7 @@ fn hits_are_on_what_is_defined() {
                 heights: [-0.1, 0.1],
                 ..options.tolerance
             };
-            let shell = Shell::new(&surface, &rates, &tolerance);
+            let shell = Shell::new(&surface, &rates, &tolerance, Face::fitting);
             assert_eq!(shell.achieved(), tree.shell());
             let amount = match surface.displacement() {
                 Displacement::Scalar(amount) => Some(amount),
