@@ -77,30 +77,15 @@ impl Top {
             split(&mut leaves, Place::default(), &mut links);
         }
         let order: Vec<u32> = leaves.iter().map(|leaf| leaf.patch).collect();
-        let mut nodes = Vec::with_capacity(links.len() * patches.len());
-        for key in patches {
-            let mut extents = vec![Extent::EMPTY; links.len()];
-            let mut of_key = Vec::with_capacity(links.len());
-            for (number, &links) in links.iter().enumerate().rev() {
-                let mut children = [Extent::EMPTY; LANES];
-                for (c, extent) in children.iter_mut().enumerate().take(links.children.into()) {
-                    *extent = match links.child(c) {
-                        Child::Node(node) => extents[node as usize],
-                        Child::Patch(patch) => key[order[patch as usize] as usize],
-                    };
-                }
-                extents[number] = children.into_iter().fold(Extent::EMPTY, Extent::union);
-                of_key.push(TopNode {
-                    boxes: Boxes::new(&children),
-                    links,
-                    zero: [0; 2],
-                });
-            }
-            nodes.extend(of_key.into_iter().rev());
-        }
         let count = links.len();
-        let nodes = nodes.into();
+        let nodes = nodes(&links, patches, |patch| order[patch as usize] as usize).into();
         (Self { nodes, count }, order)
+    }
+
+    /// Takes other boxes of the same patches, given key by key in the order of the leaves.
+    pub(super) fn refit(&mut self, patches: &[Vec<Extent>]) {
+        let links: Vec<Links> = self.nodes[..self.count].iter().map(|n| n.links).collect();
+        self.nodes = nodes(&links, patches, |patch| patch as usize).into();
     }
 
     /// Of nodes that came from outside, over so many patches. None if a way through them could leave them, go in
@@ -200,6 +185,32 @@ impl Top {
     pub(super) fn memory(&self) -> usize {
         size_of_val(&*self.nodes)
     }
+}
+
+/// Nodes around patches, key by key; `number` says which patch a leaf is.
+fn nodes(links: &[Links], patches: &[Vec<Extent>], number: impl Fn(u32) -> usize) -> Vec<TopNode> {
+    let mut nodes = Vec::with_capacity(links.len() * patches.len());
+    for key in patches {
+        let mut extents = vec![Extent::EMPTY; links.len()];
+        let mut of_key = Vec::with_capacity(links.len());
+        for (node, &links) in links.iter().enumerate().rev() {
+            let mut children = [Extent::EMPTY; LANES];
+            for (c, extent) in children.iter_mut().enumerate().take(links.children.into()) {
+                *extent = match links.child(c) {
+                    Child::Node(node) => extents[node as usize],
+                    Child::Patch(patch) => key[number(patch)],
+                };
+            }
+            extents[node] = children.into_iter().fold(Extent::EMPTY, Extent::union);
+            of_key.push(TopNode {
+                boxes: Boxes::new(&children),
+                links,
+                zero: [0; 2],
+            });
+        }
+        nodes.extend(of_key.into_iter().rev());
+    }
+    nodes
 }
 
 impl TopNode {

@@ -52,6 +52,18 @@ impl HeightImage {
         self.moved.transform_point2(st)
     }
 
+    /// Whether it is the same image, looked up at the same places.
+    pub fn is_same(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.texture, &other.texture)
+            && self.component == other.component
+            && self.is_placed_like(other)
+    }
+
+    /// Whether it is looked up at the same places.
+    pub fn is_placed_like(&self, other: &Self) -> bool {
+        self.moved == other.moved
+    }
+
     /// The least and the greatest value in a rectangle of [places](Self::place); the image's own if none is given.
     pub fn range(&self, places: Option<&UvRect>) -> [f32; 2] {
         let everywhere = UvRect {

@@ -25,9 +25,71 @@ pub(super) struct Block<'a> {
     pub(super) in_face: [usize; 2],
     /// Columns and rows of micro-quads.
     pub(super) cells: [usize; 2],
-    /// Texture coordinates of the quad's corners.
-    pub(super) s: [f32; 4],
-    pub(super) t: [f32; 4],
+}
+
+/// What a block's vertices are computed of: first what its rows have in common, then two rows.
+pub(super) trait Sheet<L: Lanes> {
+    /// A coordinate of all rows.
+    type Rows: Copy;
+
+    /// Of positions.
+    fn p(&self, lanes: L, k: usize) -> Self::Rows;
+    /// Of normals.
+    fn n(&self, lanes: L, k: usize) -> Self::Rows;
+    /// Of texture coordinates.
+    fn st(&self, lanes: L, k: usize) -> Self::Rows;
+    /// Two rows of vertices.
+    fn pair(&self, lanes: L, rows: Self::Rows, pair: usize) -> L::Floats;
+}
+
+/// Within a single quad.
+pub(super) struct Single<'a, L: Lanes> {
+    weights: Weights<L>,
+    quad: &'a Quad,
+    st: [[f32; 4]; 2],
+}
+
+impl<'a, L: Lanes> Single<'a, L> {
+    #[inline(always)]
+    pub(super) fn new(
+        lanes: L,
+        tree: &Dbvh,
+        patch: &Patch,
+        block: &Block<'_>,
+        quad: &'a Quad,
+    ) -> Self {
+        let [a, b, c, d] = block.face.corners(patch.quad).map(|c| tree.st[c]);
+        Self {
+            weights: Weights::new(lanes, block),
+            quad,
+            st: [[a.x, b.x, c.x, d.x], [a.y, b.y, c.y, d.y]],
+        }
+    }
+}
+
+impl<L: Lanes> Sheet<L> for Single<'_, L> {
+    /// The left and the right side.
+    type Rows = L::Floats;
+
+    #[inline(always)]
+    fn p(&self, lanes: L, k: usize) -> L::Floats {
+        self.weights.sides(lanes, &self.quad.p[k])
+    }
+
+    #[inline(always)]
+    fn n(&self, lanes: L, k: usize) -> L::Floats {
+        self.weights.sides(lanes, &self.quad.n[k])
+    }
+
+    #[inline(always)]
+    fn st(&self, lanes: L, k: usize) -> L::Floats {
+        self.weights.sides(lanes, &self.st[k])
+    }
+
+    #[inline(always)]
+    fn pair(&self, lanes: L, rows: L::Floats, pair: usize) -> L::Floats {
+        self.weights.rows(lanes, rows, pair)
+    }
 }
 
 /// A quad's corners in the plane across a ray, or on the lattice: (0,0), (1,0), (0,1), (1,1).
@@ -109,15 +171,12 @@ impl Quad {
 impl<'a> Block<'a> {
     pub(super) fn new(tree: &'a Dbvh, patch: &Patch, span: &Span) -> Self {
         let face = &tree.faces[patch.face as usize];
-        let st = face.corners(patch.quad).map(|c| tree.st[c]);
         Self {
             face,
             first: span.first,
             in_face: [0, 1]
                 .map(|k| usize::from(patch.quad[k]) * usize::from(face.cells[k]) + span.first[k]),
             cells: span.cells,
-            s: st.map(|st| st.x),
-            t: st.map(|st| st.y),
         }
     }
 
@@ -140,23 +199,22 @@ impl Dbvh {
         &self,
         lanes: L,
         (reader, block): (&Reader<'_>, &Block<'_>),
-        (quad, bound): (&Quad, Option<[f32; 3]>),
+        (sheet, bound): (&impl Sheet<L>, Option<[f32; 3]>),
         moment: &Moment,
         shear: impl Fn([f32; 3]) -> [f32; 3],
         to: &mut Sheared,
     ) -> u32 {
-        let weights = Weights::new(lanes, block);
         let pairs = block.cells[1] / 2 + 1;
         let all = (1_u32 << block.cells[1]) - 1;
         let mut normals = [[lanes.floats(0.0); PAIRS]; 2];
         // Vertices to the right of the axes for sure, and to the left.
         let mut beyond = [0_u64; 4];
         for (k, to) in [&mut to.x, &mut to.y].into_iter().enumerate() {
-            let p = weights.sides(lanes, &quad.p[k]);
-            let n = weights.sides(lanes, &quad.n[k]);
+            let p = sheet.p(lanes, k);
+            let n = sheet.n(lanes, k);
             for pair in 0..pairs {
-                let p = weights.rows(lanes, p, pair);
-                let n = weights.rows(lanes, n, pair);
+                let p = sheet.pair(lanes, p, pair);
+                let n = sheet.pair(lanes, n, pair);
                 lanes.store(p, &mut to[pair]);
                 normals[k][pair] = n;
                 if let Some([middle, half, slack]) = bound {
@@ -183,22 +241,16 @@ impl Dbvh {
         }
         // Vertices above and below each row.
         let needed = rows | rows << 1;
-        let st = [
-            weights.sides(lanes, &block.s),
-            weights.sides(lanes, &block.t),
-        ];
-        let (p, n) = (
-            weights.sides(lanes, &quad.p[2]),
-            weights.sides(lanes, &quad.n[2]),
-        );
+        let st = [sheet.st(lanes, 0), sheet.st(lanes, 1)];
+        let (p, n) = (sheet.p(lanes, 2), sheet.n(lanes, 2));
         for pair in (0..pairs).filter(|pair| needed >> (2 * pair) & 3 != 0) {
-            let heights = (self.heights).rows(lanes, reader, block, (&weights, &st), pair, moment);
+            let heights = (self.heights).rows(lanes, reader, block, (sheet, &st), pair, moment);
             let x = lanes.mul(heights, normals[0][pair]);
             let y = lanes.mul(heights, normals[1][pair]);
             lanes.store(lanes.add(lanes.load(&to.x[pair]), x), &mut to.x[pair]);
             lanes.store(lanes.add(lanes.load(&to.y[pair]), y), &mut to.y[pair]);
-            let p = weights.rows(lanes, p, pair);
-            let n = weights.rows(lanes, n, pair);
+            let p = sheet.pair(lanes, p, pair);
+            let n = sheet.pair(lanes, n, pair);
             lanes.store(lanes.add(p, lanes.mul(heights, n)), &mut to.z[pair]);
         }
         if block.face.has_kept && block.is_border() {
@@ -272,7 +324,7 @@ impl Dbvh {
         })
     }
 
-    /// A micro-vertex by column and row in the quad, on the lattice.
+    /// A micro-vertex by column and row from the patch's first quad on, on the lattice.
     pub(super) fn vertex(&self, patch: &Patch, at: [usize; 2], moment: &Moment) -> [f32; 3] {
         let face = &self.faces[patch.face as usize];
         let in_face =
@@ -284,7 +336,7 @@ impl Dbvh {
         self.own_vertex(patch.face as usize, patch.quad, at, moment)
     }
 
-    /// The same, as the face computes it in any case.
+    /// The same, as the face computes it in any case; by column and row from some quad on.
     pub(super) fn own_vertex(
         &self,
         face: usize,
@@ -293,6 +345,7 @@ impl Dbvh {
         moment: &Moment,
     ) -> [f32; 3] {
         let face = &self.faces[face];
+        let (quad, at) = face.in_quad(quad, at);
         let numbers = face.corners(quad);
         let quad_at = Quad::new(self.corners_at(numbers, moment));
         let st = numbers.map(|c| self.st[c]);

@@ -2,11 +2,12 @@
 
 use rayon::prelude::*;
 
-use super::block::{Block, Quad, Weights, bilinear};
-use super::edges;
+use super::block::{Block, Quad, Sheet, Single, bilinear};
+use super::edges::{self, Plan};
 use super::face::{Corner, Face, Patch, Span};
 use super::heights::{Heights, Ranges, Source};
 use super::traverse::shadows;
+use super::woven::{Net, Woven};
 use super::{Dbvh, DbvhOptions};
 use crate::accel::lattice::{Extent, Lattice, REACH};
 use crate::accel::moment::Moment;
@@ -15,8 +16,8 @@ use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec2, Vec3};
 use crate::surface::{
-    Amount, Displacement, DisplacementPoint, FaceGrid, MOST_SEGMENTS, Rates, Region, Shell,
-    ShellTolerance, Surface, Torn, UvRect,
+    Amount, Displacement, DisplacementPoint, FaceGrid, Rates, Region, Shell, ShellTolerance,
+    Surface, Torn, UvRect,
 };
 
 /// Patches that are in work at once.
@@ -25,52 +26,14 @@ const BATCH: usize = 256;
 /// What boxes are larger by on all sides, steps of the lattice: a few roundings of its largest coordinates.
 const MARGIN: f32 = 16.0;
 
-/// What displaces, by single points.
-pub(super) struct Values<'a> {
-    amount: Option<&'a Amount>,
-    source: &'a Source,
-}
-
-impl Values<'_> {
-    /// Whether faces that differ so compute different points.
-    pub(super) fn matters(&self, torn: Torn) -> bool {
-        self.amount.is_some()
-            && match self.source {
-                Source::Flat(_) => torn.normals,
-                Source::Image(_) => torn.normals || torn.texcoords,
-                Source::Kept(_) => true,
-            }
-    }
-
-    /// The height at a point of a face, with its limit point and a vector along its normal. What is no number is none.
-    pub(super) fn height(
-        &self,
-        (face, uv): (u32, Vec2),
-        key: u32,
-        [position, normal]: [Vec3; 2],
-        st: Vec2,
-    ) -> f32 {
-        let Some(amount) = self.amount else {
-            return 0.0;
-        };
-        let value = match self.source {
-            Source::Flat(value) => *value,
-            Source::Image(image) => image.texels().eval(image.place(st)),
-            Source::Kept(_) => {
-                let at = DisplacementPoint {
-                    face,
-                    uv,
-                    key,
-                    position,
-                    normal: normal.normalize_or_zero(),
-                    st,
-                };
-                amount.map.value(&at).x
-            }
-        };
-        let height = amount.scale * value + amount.bias;
-        if height.is_finite() { height } else { 0.0 }
-    }
+/// Whether faces that differ so compute different points.
+fn matters(amount: Option<&Amount>, source: &Source, torn: Torn) -> bool {
+    amount.is_some()
+        && match source {
+            Source::Flat(_) => torn.normals,
+            Source::Image(_) => torn.normals || torn.texcoords,
+            Source::Kept(_) => true,
+        }
 }
 
 impl Dbvh {
@@ -105,7 +68,7 @@ impl Dbvh {
             heights,
             ..options.tolerance
         };
-        let shell = Shell::new(surface, rates, &tolerance);
+        let shell = Shell::new(surface, rates, &tolerance, Face::fitting);
         let mut faces: Vec<Face> = (shell.grids().iter())
             .map(|grid| diced(surface, rates, grid))
             .collect();
@@ -115,19 +78,15 @@ impl Dbvh {
         if let (Source::Kept(_), Some(amount)) = (&source, amount) {
             source = Source::Kept(look_up(&shell, &mut faces, amount));
         }
-        let values = Values {
-            amount,
-            source: &source,
-        };
-        let kept = edges::keep(base, rates, &shell, &values, &mut faces);
+        let matters = |torn| matters(amount, &source, torn);
+        let plan = Plan::new(base, rates, &shell, matters, &mut faces);
         let range = range(&source);
-        let of = |value: f32| amount.map_or(0.0, |amount| amount.scale * value + amount.bias);
-        let highest = of(range[0]).abs().max(of(range[1]).abs());
-        let lattice = lattice(&shell, highest);
+        let displaced = displaced(amount, range);
+        let built_for = [heights[0].min(displaced[0]), heights[1].max(displaced[1])];
+        let lattice = lattice(&shell, built_for[0].abs().max(built_for[1].abs()));
         let corners = (0..shell.keys())
             .map(|key| corners(&shell, key, &lattice))
             .collect();
-        let on_lattice = |p: &Vec3| ((*p - lattice.anchor) * (1.0 / lattice.step)).to_array();
         let mut tree = Self {
             isa: Isa::best(),
             reach: 0.0,
@@ -138,16 +97,16 @@ impl Dbvh {
             },
             heights: Heights {
                 source,
-                scale: amount.map_or(0.0, |amount| amount.scale / lattice.step),
-                bias: amount.map_or(0.0, |amount| amount.bias / lattice.step),
+                scale: 0.0,
+                bias: 0.0,
                 code: [0.0, 1.0],
             },
+            built_for,
             lattice,
             faces,
             corners,
-            kept: (kept.iter())
-                .map(|points| points.iter().map(on_lattice).collect())
-                .collect(),
+            plan,
+            kept: Vec::new(),
             top: Top::default(),
             patches: Vec::new(),
             ranges: Vec::new(),
@@ -155,10 +114,19 @@ impl Dbvh {
             pixels_per_unit: rates.pixels_per_unit(),
         };
         drop(shell);
-        tree.heights.encode(range);
-        tree.measure_slack();
+        tree.set(amount, range);
         tree.patch(&|done| go_on(0.2 + 0.8 * done))?;
         Ok(tree)
+    }
+
+    /// Takes the scale and the bias of what displaces, with the range of its values, and what follows from them for edges.
+    pub(super) fn set(&mut self, amount: Option<&Amount>, range: [f32; 2]) {
+        let step = self.lattice.step;
+        self.heights.scale = amount.map_or(0.0, |amount| amount.scale / step);
+        self.heights.bias = amount.map_or(0.0, |amount| amount.bias / step);
+        self.heights.encode(range);
+        self.kept = self.keep(amount);
+        self.measure_slack();
     }
 
     /// How far kept points are from the vertices that they replace.
@@ -204,7 +172,10 @@ impl Dbvh {
         for (number, face) in (0..).zip(&self.faces) {
             let [columns, rows] = face.quads;
             let pieces = face.pieces().map(|n| n as u16);
-            let quads = (0..rows).flat_map(|j| (0..columns).map(move |i| [i, j]));
+            let [across, down] = face.group.map(usize::from);
+            let quads = (0..rows)
+                .step_by(down)
+                .flat_map(|j| (0..columns).step_by(across).map(move |i| [i, j]));
             for quad in quads {
                 for piece in (0..pieces[1]).flat_map(|j| (0..pieces[0]).map(move |i| [i, j])) {
                     patches.push(Patch {
@@ -216,78 +187,124 @@ impl Dbvh {
                 }
             }
         }
-        // Values as they are, of which codes are made.
-        let (scale, bias) = (self.heights.scale, self.heights.bias);
-        (self.heights.scale, self.heights.bias) = (1.0, 0.0);
-        let mut ranges: Vec<Ranges> = Vec::with_capacity(patches.len());
-        for batch in patches.chunks(BATCH) {
-            let this: &Self = self;
-            ranges.par_extend(
-                batch
-                    .par_iter()
-                    .map(|patch| this.isa.run(RangesOf { tree: this, patch })),
-            );
-            if !go_on(ranges.len() as f64 / patches.len() as f64) {
-                return Err(Error::Interrupted);
-            }
-        }
-        (self.heights.scale, self.heights.bias) = (scale, bias);
-        let this: &Self = self;
-        let extents: Vec<Vec<Extent>> = (0..self.corners.len())
-            .map(|key| {
-                let of_patch = |(patch, ranges): (&Patch, &Ranges)| this.extent(patch, ranges, key);
-                patches.par_iter().zip(&ranges).map(of_patch).collect()
-            })
+        self.patches = patches;
+        self.look_at(go_on)?;
+        let (top, order) = Top::new(&self.extents());
+        // In the order of the leaves.
+        self.patches = (order.into_iter())
+            .map(|number| self.patches[number as usize])
             .collect();
-        let all = extents.iter().flatten().copied();
-        let all = all.fold(Extent::EMPTY, Extent::union);
-        if !all.is_empty() {
-            let largest = (0..3).map(|k| all.min[k].abs().max(all.max[k].abs()));
-            self.reach = largest.max().unwrap_or(0) as f32;
-        }
-        let (top, order) = Top::new(&extents);
-        let mut in_order = Vec::new();
-        let ordered = order.into_iter().map(|number| {
-            let mut patch = patches[number as usize];
-            if !self.faces[patch.face as usize].span(&patch).is_single() {
+        let mut in_order = Vec::with_capacity(self.ranges.len());
+        for patch in &mut self.patches {
+            if !self.faces[patch.face as usize].span(patch).is_single() {
+                let ranges = self.ranges[patch.ranges as usize];
                 patch.ranges = in_order.len() as u32;
-                in_order.push(ranges[number as usize]);
+                in_order.push(ranges);
             }
-            patch
-        });
-        self.patches = ordered.collect();
-        in_order.shrink_to_fit();
+        }
         self.ranges = in_order;
         self.top = top;
         Ok(())
     }
 
+    /// Looks up what values the blocks of all patches have.
+    pub(super) fn look_at(&mut self, go_on: &dyn Fn(f64) -> bool) -> Result<()> {
+        // Values as they are, of which codes are made.
+        let (scale, bias) = (self.heights.scale, self.heights.bias);
+        (self.heights.scale, self.heights.bias) = (1.0, 0.0);
+        let mut patches = std::mem::take(&mut self.patches);
+        let mut all: Vec<Ranges> = Vec::new();
+        let mut done = 0;
+        let whole = patches.len();
+        for batch in patches.chunks_mut(BATCH) {
+            let this: &Self = self;
+            let of_patch = |patch: &Patch| this.isa.run(RangesOf { tree: this, patch });
+            let ranges: Vec<Ranges> = batch.par_iter().map(of_patch).collect();
+            for (patch, ranges) in batch.iter_mut().zip(ranges) {
+                if self.faces[patch.face as usize].span(patch).is_single() {
+                    patch.ranges = ranges[0] as u32;
+                } else {
+                    patch.ranges = all.len() as u32;
+                    all.push(ranges);
+                }
+            }
+            done += batch.len();
+            if !go_on(done as f64 / whole as f64) {
+                return Err(Error::Interrupted);
+            }
+        }
+        all.shrink_to_fit();
+        (self.patches, self.ranges) = (patches, all);
+        (self.heights.scale, self.heights.bias) = (scale, bias);
+        Ok(())
+    }
+
+    /// The heights of a patch's blocks.
+    pub(super) fn ranges_of(&self, patch: &Patch, span: &Span) -> Ranges {
+        if span.is_single() {
+            [patch.ranges as i32; LANES]
+        } else {
+            self.ranges[patch.ranges as usize]
+        }
+    }
+
+    /// Boxes around all patches by motion key. Notes how far they reach.
+    pub(super) fn extents(&mut self) -> Vec<Vec<Extent>> {
+        let this: &Self = self;
+        let extents: Vec<Vec<Extent>> = (0..self.corners.len())
+            .map(|key| {
+                let of_patch = |patch: &Patch| this.extent(patch, key);
+                this.patches.par_iter().map(of_patch).collect()
+            })
+            .collect();
+        let all = extents.iter().flatten().copied();
+        let all = all.fold(Extent::EMPTY, Extent::union);
+        self.reach = if all.is_empty() {
+            0.0
+        } else {
+            let largest = (0..3).map(|k| all.min[k].abs().max(all.max[k].abs()));
+            largest.max().unwrap_or(0) as f32
+        };
+        extents
+    }
+
     /// A box around a patch.
-    fn extent(&self, patch: &Patch, ranges: &Ranges, key: usize) -> Extent {
-        let boxes = self.isa.run(BoxesOf {
-            tree: self,
-            patch,
-            ranges,
-            key,
-        });
+    fn extent(&self, patch: &Patch, key: usize) -> Extent {
         let face = &self.faces[patch.face as usize];
         let span = face.span(patch);
+        let ranges = self.ranges_of(patch, &span);
         let block = Block::new(self, patch, &span);
         let kept = if face.has_kept && block.is_border() {
             face.slack
         } else {
             0.0
         };
-        let there = span.there();
         let mut extent = Extent::EMPTY;
-        for c in (0..LANES).filter(|c| there >> c & 1 == 1) {
-            let reach = |k: usize| boxes[3 + k][c] + kept + MARGIN;
-            // All that there is lies within half of the lattice, and some roundings.
-            const MOST: f32 = (REACH / 2 + (REACH >> 8)) as f32;
-            let end = |k: usize, sign: f32| (boxes[k][c] + sign * reach(k)).clamp(-MOST, MOST);
-            extent = extent
-                .including([0, 1, 2].map(|k| end(k, -1.0).floor() as i32))
-                .including([0, 1, 2].map(|k| end(k, 1.0).ceil() as i32));
+        let [columns, rows] = face.count(patch.quad).map(|n| n as u16);
+        for (i, j) in (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j))) {
+            let quad = [patch.quad[0] + i, patch.quad[1] + j];
+            let mut part = span;
+            if face.is_woven() {
+                part.cells = face.cells.map(usize::from);
+            }
+            let boxes = self.isa.run(BoxesOf {
+                tree: self,
+                face,
+                quad,
+                span: &part,
+                ranges: &ranges,
+                key,
+            });
+            let there = part.there();
+            for c in (0..LANES).filter(|c| there >> c & 1 == 1) {
+                let reach = |k: usize| boxes[3 + k][c] + kept + MARGIN;
+                // All that there is lies within half of the lattice, and some roundings.
+                const MOST: f32 = (REACH / 2 + (REACH >> 8)) as f32;
+                let end = |k: usize, sign: f32| (boxes[k][c] + sign * reach(k)).clamp(-MOST, MOST);
+                extent = extent
+                    .including([0, 1, 2].map(|k| end(k, -1.0).floor() as i32))
+                    .including([0, 1, 2].map(|k| end(k, 1.0).ceil() as i32));
+            }
         }
         extent
     }
@@ -305,15 +322,12 @@ fn at_key(key: usize) -> Moment {
 /// How many micro-quads a face's quads have: what its rates come to, rounded.
 fn diced(surface: &Surface, rates: &Rates, grid: &FaceGrid) -> Face {
     let within = rates.face(grid.face);
-    let cells = [0, 1].map(|k| {
-        let each = (f64::from(within[k]) / f64::from(grid.size[k])).round();
-        each.clamp(1.0, f64::from(MOST_SEGMENTS)) as u16
-    });
+    let cells = [0, 1].map(|k| Face::cells(u32::from(grid.size[k]), within[k]));
     edges::face(surface.base(), grid, cells)
 }
 
 /// Where heights come from. What is kept of them is not yet there.
-fn source(surface: &Surface, amount: Option<&Amount>) -> Source {
+pub(super) fn source(surface: &Surface, amount: Option<&Amount>) -> Source {
     let Some(amount) = amount else {
         return Source::Flat(0.0);
     };
@@ -341,10 +355,8 @@ fn source(surface: &Surface, amount: Option<&Amount>) -> Source {
 
 /// The least and the greatest height that a surface has, or about that where the map has no bounds.
 fn heights(surface: &Surface, amount: &Amount, source: &Source) -> [f32; 2] {
-    let of = |value: f32| amount.scale * value + amount.bias;
     if !matches!(source, Source::Kept(_)) {
-        let [a, b] = range(source).map(of);
-        return [a.min(b), a.max(b)];
+        return displaced(Some(amount), range(source));
     }
     let base = surface.base();
     let of_face = |face: u32| {
@@ -353,9 +365,9 @@ fn heights(surface: &Surface, amount: &Amount, source: &Source) -> [f32; 2] {
             rect: UvRect::UNIT,
             st: None,
         });
-        let bound = bound.map(|bound| [of(bound.min.x), of(bound.max.x)]);
-        if let Some([a, b]) = bound.filter(|[a, b]| a.is_finite() && b.is_finite()) {
-            return [a.min(b), a.max(b)];
+        let bound = bound.map(|bound| displaced(Some(amount), [bound.min.x, bound.max.x]));
+        if let Some(bound) = bound.filter(|bound| bound.iter().all(|height| height.is_finite())) {
+            return bound;
         }
         // How far it is moved here and there.
         const AT: [f32; 4] = [0.125, 0.375, 0.625, 0.875];
@@ -375,8 +387,14 @@ fn heights(surface: &Surface, amount: &Amount, source: &Source) -> [f32; 2] {
         .reduce(|| [0.0; 2], union)
 }
 
+/// The least and the greatest height that values of this range make.
+pub(super) fn displaced(amount: Option<&Amount>, range: [f32; 2]) -> [f32; 2] {
+    let [a, b] = range.map(|value| amount.map_or(0.0, |a| a.scale * value + a.bias));
+    [a.min(b), a.max(b)]
+}
+
 /// The least and the greatest value.
-fn range(source: &Source) -> [f32; 2] {
+pub(super) fn range(source: &Source) -> [f32; 2] {
     match source {
         Source::Flat(value) => [*value; 2],
         Source::Image(image) => image.range(None),
@@ -478,48 +496,68 @@ impl Body for RangesOf<'_> {
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> Ranges {
         let Self { tree, patch } = self;
-        let span = tree.faces[patch.face as usize].span(patch);
+        let face = &tree.faces[patch.face as usize];
+        let span = face.span(patch);
         let there = span.there();
-        let reader = tree.heights.reader();
         let mut out = [0; LANES];
+        if face.is_woven() {
+            let net = Net::new(tree, face, patch, &at_key(0));
+            let sheet = Woven::new(lanes, face, patch, &net);
+            out[0] = code(lanes, tree, &Block::new(tree, patch, &span), &sheet);
+            return out;
+        }
+        // Where it is does not matter.
+        let quad = Quad {
+            p: [[0.0; 4]; 3],
+            n: [[0.0; 4]; 3],
+        };
         for (c, out) in out.iter_mut().enumerate() {
             if there >> c & 1 == 0 {
                 continue;
             }
-            let part: Span = span.child(c);
-            let block = Block::new(tree, patch, &part);
-            let weights = Weights::new(lanes, &block);
-            let st = [
-                weights.sides(lanes, &block.s),
-                weights.sides(lanes, &block.t),
-            ];
-            let mut range = [f32::MAX, f32::MIN];
-            for key in 0..tree.corners.len() {
-                let moment = at_key(key);
-                for pair in 0..block.cells[1] / 2 + 1 {
-                    let heights =
-                        tree.heights
-                            .rows(lanes, &reader, &block, (&weights, &st), pair, &moment);
-                    let mut values = [0.0; LANES];
-                    lanes.store(heights, &mut values);
-                    for value in values {
-                        range = [range[0].min(value), range[1].max(value)];
-                    }
-                }
-                if !matches!(tree.heights.source, Source::Kept(_)) {
-                    break;
-                }
-            }
-            *out = tree.heights.code(range);
+            let block = Block::new(tree, patch, &span.child(c));
+            let sheet = Single::new(lanes, tree, patch, &block, &quad);
+            *out = code(lanes, tree, &block, &sheet);
         }
         out
     }
 }
 
-/// Boxes around a patch's blocks at a motion key: centres and half of their sizes.
+/// The values' range in a block.
+#[inline(always)]
+fn code<L: Lanes>(lanes: L, tree: &Dbvh, block: &Block<'_>, sheet: &impl Sheet<L>) -> i32 {
+    let reader = tree.heights.reader();
+    let st = [sheet.st(lanes, 0), sheet.st(lanes, 1)];
+    let mut least = lanes.floats(f32::MAX);
+    let mut most = lanes.floats(f32::MIN);
+    for key in 0..tree.corners.len() {
+        let moment = at_key(key);
+        for pair in 0..block.cells[1] / 2 + 1 {
+            let heights = (tree.heights).rows(lanes, &reader, block, (sheet, &st), pair, &moment);
+            // What is no number decides nothing.
+            least = lanes.min(heights, least);
+            most = lanes.max(heights, most);
+        }
+        if !matches!(tree.heights.source, Source::Kept(_)) {
+            break;
+        }
+    }
+    let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
+    lanes.store(least, &mut low);
+    lanes.store(most, &mut high);
+    let mut range = [f32::MAX, f32::MIN];
+    for lane in 0..LANES {
+        range = [range[0].min(low[lane]), range[1].max(high[lane])];
+    }
+    tree.heights.code(range)
+}
+
+/// Boxes around the blocks of a part of a quad at a motion key: centres and half of their sizes.
 struct BoxesOf<'a> {
     tree: &'a Dbvh,
-    patch: &'a Patch,
+    face: &'a Face,
+    quad: [u16; 2],
+    span: &'a Span,
     ranges: &'a Ranges,
     key: usize,
 }
@@ -529,11 +567,10 @@ impl Body for BoxesOf<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> [[f32; LANES]; 6] {
-        let Self { tree, patch, .. } = self;
-        let face = &tree.faces[patch.face as usize];
-        let quad = Quad::new(tree.corners_at(face.corners(patch.quad), &at_key(self.key)));
+        let Self { tree, face, .. } = self;
+        let quad = Quad::new(tree.corners_at(face.corners(self.quad), &at_key(self.key)));
         let heights = tree.heights.ranges(lanes, self.ranges);
-        let boxes = shadows(lanes, face, &face.span(patch), &quad, heights);
+        let boxes = shadows(lanes, face, self.span, &quad, heights);
         let mut out = [[0.0; LANES]; 6];
         for (out, of) in out.iter_mut().zip(boxes) {
             lanes.store(of, out);

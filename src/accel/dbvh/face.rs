@@ -1,8 +1,9 @@
 //! Faces, their quads, and patches: up to 4 x 4 blocks of a quad.
 
+use super::woven;
 use crate::accel::quads::CELLS;
 use crate::math::Vec2;
-use crate::surface::edge_uv;
+use crate::surface::{MOST_SEGMENTS, edge_uv};
 
 /// Blocks along a patch's side.
 pub(super) const FAN: usize = 4;
@@ -28,6 +29,8 @@ pub(super) struct Face {
     pub(super) quads: [u16; 2],
     /// Of each quad.
     pub(super) cells: [u16; 2],
+    /// Quads of a patch along u and v: more than one where they are smaller than a block.
+    pub(super) group: [u16; 2],
     /// One by these: see [`share`].
     pub(super) share: [f32; 2],
     /// The first of its corners, which follow one another row by row.
@@ -55,16 +58,16 @@ pub(super) struct Side {
     pub(super) collapsed: bool,
 }
 
-/// A part of a quad.
+/// A part of a quad, or several small ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Patch {
     /// By its place among the faces that are not holes.
     pub(super) face: u32,
-    /// Column and row of the quad.
+    /// Column and row of the quad, the first one if there are several.
     pub(super) quad: [u16; 2],
     /// Column and row in the quad.
     pub(super) piece: [u16; 2],
-    /// Of its blocks' heights; nothing if there is a single block.
+    /// Of its blocks' heights; those themselves, as a code, if there is a single block.
     pub(super) ranges: u32,
 }
 
@@ -123,14 +126,79 @@ impl Face {
         [first, first + 1, first + stride, first + stride + 1]
     }
 
+    /// How many micro-quads a quad has along a side that is to have `rate` of them, if it has so many quads.
+    pub(super) fn cells(quads: u32, rate: u32) -> u16 {
+        let each = (f64::from(rate) / f64::from(quads)).round();
+        each.clamp(1.0, f64::from(MOST_SEGMENTS)) as u16
+    }
+
+    /// How many quads a side gets that needs at least so many: those that fill blocks best, and may be up to twice as many.
+    pub(super) fn fitting(needed: u32, rate: u32) -> u32 {
+        let blocks = |quads: u32| {
+            let cells = usize::from(Self::cells(quads, rate));
+            let quads = quads as usize;
+            if cells > CELLS {
+                quads * cells.div_ceil(CELLS)
+            } else {
+                quads.div_ceil((CELLS / cells).min(woven::MOST))
+            }
+        };
+        // About as fine as it is to be.
+        let fits = |quads: &u32| {
+            let all = quads * u32::from(Self::cells(*quads, rate));
+            14 * all >= 13 * rate && 5 * all <= 6 * rate
+        };
+        (needed..=(2 * needed).min(rate.max(needed)))
+            .filter(fits)
+            .min_by_key(|&quads| (blocks(quads), quads))
+            .unwrap_or(needed)
+    }
+
+    /// How many quads patches have at most, of so many micro-quads each.
+    pub(super) fn group(cells: [u16; 2]) -> [u16; 2] {
+        let most = cells.map(|n| (CELLS / usize::from(n)).min(woven::MOST) as u16);
+        if most.contains(&0) { [1; 2] } else { most }
+    }
+
+    /// Whether its patches are of several quads.
+    #[inline(always)]
+    pub(super) fn is_woven(&self) -> bool {
+        self.group != [1; 2]
+    }
+
+    /// How many quads the patch from a quad on has.
+    #[inline(always)]
+    pub(super) fn count(&self, quad: [u16; 2]) -> [usize; 2] {
+        [0, 1].map(|k| usize::from(self.group[k].min(self.quads[k] - quad[k])))
+    }
+
+    /// The quad of a micro-vertex that is given by column and row from some quad on, and where it is in that.
+    pub(super) fn in_quad(&self, from: [u16; 2], at: [usize; 2]) -> ([u16; 2], [usize; 2]) {
+        let (mut quad, mut within) = (from, at);
+        for k in 0..2 {
+            let n = usize::from(self.cells[k]);
+            let beyond = (at[k] / n).min(usize::from(self.quads[k] - 1 - from[k]));
+            quad[k] += beyond as u16;
+            within[k] -= beyond * n;
+        }
+        (quad, within)
+    }
+
     /// How many patches a quad is cut into, along u and v.
     pub(super) fn pieces(&self) -> [usize; 2] {
         self.cells.map(|n| usize::from(n).div_ceil(SPAN))
     }
 
-    /// Where a patch is in its quad.
+    /// Where a patch is, from its first quad on.
     #[inline(always)]
     pub(super) fn span(&self, patch: &Patch) -> Span {
+        if self.is_woven() {
+            let count = self.count(patch.quad);
+            return Span {
+                first: [0; 2],
+                cells: [0, 1].map(|k| count[k] * usize::from(self.cells[k])),
+            };
+        }
         let mut span = Span {
             first: [0; 2],
             cells: [0; 2],
@@ -268,6 +336,23 @@ mod tests {
         for n in 1..=4096 {
             let [last, all] = [n - 1, n].map(|i| f32::from(i) * share(n));
             assert!(last < 1.0 && (1.0..1.000_000_3).contains(&all), "{n}");
+        }
+    }
+
+    #[test]
+    fn quads_fill_blocks() {
+        // 8 of 9 micro-quads would be 16 blocks.
+        assert_eq!((Face::fitting(8, 75), Face::cells(11, 75)), (11, 7));
+        assert_eq!((Face::fitting(1, 75), Face::cells(1, 75)), (1, 75));
+        assert_eq!((Face::fitting(32, 75), Face::group([2, 2])), (35, [3, 3]));
+        for rate in 1..200 {
+            for needed in 1..=rate {
+                let quads = Face::fitting(needed, rate);
+                assert!(
+                    (needed..=rate).contains(&quads),
+                    "{needed} of {rate}: {quads}"
+                );
+            }
         }
     }
 

@@ -1,6 +1,6 @@
 //! Where heights come from: an image's texels, or floats that were asked for once.
 
-use super::block::{Block, Weights};
+use super::block::{Block, Sheet};
 use super::face::Face;
 use crate::accel::moment::Moment;
 use crate::accel::quads::SIDE;
@@ -94,22 +94,22 @@ impl Heights {
         ]
     }
 
-    /// Two rows of heights of a block. `st` are those of its rows at the left and the right side.
+    /// Two rows of heights of a block. `st` is what its rows have in common.
     #[inline(always)]
-    pub(super) fn rows<L: Lanes>(
+    pub(super) fn rows<L: Lanes, S: Sheet<L>>(
         &self,
         lanes: L,
         reader: &Reader<'_>,
         block: &Block<'_>,
-        (weights, st): (&Weights<L>, &[L::Floats; 2]),
+        (sheet, st): (&S, &[S::Rows; 2]),
         pair: usize,
         moment: &Moment,
     ) -> L::Floats {
         let value = match reader {
             Reader::Flat(value) => lanes.floats(*value),
             Reader::Image(texels) => {
-                let s = weights.rows(lanes, st[0], pair);
-                let t = weights.rows(lanes, st[1], pair);
+                let s = sheet.pair(lanes, st[0], pair);
+                let t = sheet.pair(lanes, st[1], pair);
                 look_up(lanes, texels, s, t)
             }
             Reader::Kept(keys) => {

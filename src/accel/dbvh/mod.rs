@@ -41,11 +41,13 @@
 mod block;
 mod build;
 mod edges;
+mod edits;
 mod face;
 mod heights;
 #[cfg(test)]
 mod tests;
 mod traverse;
+mod woven;
 
 use super::lattice::Lattice;
 use super::moment::Moment;
@@ -56,6 +58,7 @@ use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
 use crate::stats::AchievedError;
 use crate::surface::{ShellError, ShellTolerance};
+use edges::Plan;
 use face::{Corner, Face, Patch};
 use heights::Heights;
 use traverse::Met;
@@ -84,6 +87,9 @@ pub struct Dbvh {
     corners: Vec<Vec<Corner>>,
     /// Where heights are looked up.
     st: Vec<Vec2>,
+    /// The least and the greatest height for which quads and lattice are made.
+    built_for: [f32; 2],
+    plan: Plan,
     /// Points of edges that are kept, by motion key, on the lattice.
     kept: Vec<Vec<[f32; 3]>>,
     /// The tree over the patches, which are in its order.
@@ -187,6 +193,7 @@ impl Intersector for Dbvh {
         let kept: usize = self.kept.iter().map(|k| size_of_val(k.as_slice())).sum();
         corners
             + kept
+            + self.plan.memory()
             + size_of_val(self.st.as_slice())
             + size_of_val(self.faces.as_slice())
             + size_of_val(self.patches.as_slice())

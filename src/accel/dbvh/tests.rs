@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::block::{Block, Quad};
+use super::block::{Block, Quad, Single};
+use super::woven::{Net, Woven};
 use super::*;
 use crate::accel::lattice::{Extent, LatticeRay};
 use crate::accel::quads::Sheared;
@@ -53,8 +54,8 @@ fn scalars(scale: f32) -> Vec<(&'static str, Displacement)> {
 /// A block's vertices across a ray.
 struct Vertices<'a> {
     tree: &'a Dbvh,
+    patch: &'a Patch,
     block: &'a Block<'a>,
-    quad: &'a Quad,
     moment: &'a Moment,
 }
 
@@ -65,20 +66,23 @@ impl Body for Vertices<'_> {
     fn run<L: Lanes>(self, lanes: L) -> Sheared {
         let Self {
             tree,
+            patch,
             block,
-            quad,
             moment,
         } = self;
         let mut to = Sheared::default();
         let reader = tree.heights.reader();
-        tree.vertices(
-            lanes,
-            (&reader, block),
-            (quad, None),
-            moment,
-            |p| p,
-            &mut to,
-        );
+        let of = (&reader, block);
+        if block.face.is_woven() {
+            let net = Net::new(tree, block.face, patch, moment);
+            let sheet = Woven::new(lanes, block.face, patch, &net);
+            tree.vertices(lanes, of, (&sheet, None), moment, |p| p, &mut to);
+        } else {
+            let numbers = block.face.corners(patch.quad);
+            let quad = Quad::new(tree.corners_at(numbers, moment));
+            let sheet = Single::new(lanes, tree, patch, block, &quad);
+            tree.vertices(lanes, of, (&sheet, None), moment, |p| p, &mut to);
+        }
         to
     }
 }
@@ -95,11 +99,10 @@ impl Dbvh {
     /// The micro-vertices of a block on the lattice, as registers compute them.
     fn block_vertices(&self, patch: &Patch, span: &face::Span, moment: &Moment) -> Vec<[f32; 3]> {
         let block = Block::new(self, patch, span);
-        let numbers = block.face.corners(patch.quad);
         let found = self.isa.run(Vertices {
             tree: self,
+            patch,
             block: &block,
-            quad: &Quad::new(self.corners_at(numbers, moment)),
             moment,
         });
         let [columns, rows] = span.cells;
@@ -310,7 +313,7 @@ fn hits_are_on_what_is_defined() {
                 heights: [-0.1, 0.1],
                 ..options.tolerance
             };
-            let shell = Shell::new(&surface, &rates, &tolerance);
+            let shell = Shell::new(&surface, &rates, &tolerance, Face::fitting);
             assert_eq!(shell.achieved(), tree.shell());
             let amount = match surface.displacement() {
                 Displacement::Scalar(amount) => Some(amount),

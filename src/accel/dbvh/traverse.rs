@@ -1,9 +1,10 @@
 //! One ray through the trees: the body that each instruction set gets compiled.
 
 use super::Dbvh;
-use super::block::{Block, Quad};
+use super::block::{Block, Quad, Single};
 use super::face::{FAN, Face, Patch, Span};
 use super::heights::Reader;
+use super::woven::{Net, Woven};
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::quads::Sheared;
@@ -146,6 +147,9 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         self.patch = &tree.patches[number as usize];
         self.face = &tree.faces[self.patch.face as usize];
         self.span = self.face.span(self.patch);
+        if self.face.is_woven() {
+            return;
+        }
         let corners = tree.corners_at(self.face.corners(self.patch.quad), self.moment);
         for (c, corner) in corners.iter().enumerate() {
             let p = shear_point(&self.ray, corner.p);
@@ -195,10 +199,11 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     /// A block's heights, and how far its vertices may be from where these put them.
     #[inline(always)]
     fn bound(&self, block: usize, span: &Span) -> Option<[f32; 3]> {
-        if self.span.is_single() {
-            return None;
-        }
-        let code = self.tree.ranges[self.patch.ranges as usize][block];
+        let code = if self.span.is_single() {
+            self.patch.ranges as i32
+        } else {
+            self.tree.ranges[self.patch.ranges as usize][block]
+        };
         let [middle, half] = self.tree.heights.range(code);
         let kept = if self.face.has_kept && self.face.is_border(self.patch.quad, span) {
             2.0 * self.face.slack
@@ -251,14 +256,17 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let block = Block::new(self.tree, self.patch, &span);
         let mut sheared = Sheared::default();
         let shear = |p| shear_point(&self.ray, p);
-        let rows = (self.tree).vertices(
-            lanes,
-            (&self.reader, &block),
-            (&self.quad, bound),
-            self.moment,
-            shear,
-            &mut sheared,
-        );
+        let of = (&self.reader, &block);
+        let (tree, moment) = (self.tree, self.moment);
+        let rows = if self.face.is_woven() {
+            let net = Net::new(tree, self.face, self.patch, moment);
+            let mut sheet = Woven::new(lanes, self.face, self.patch, &net);
+            sheet.shear(lanes, &self.ray);
+            tree.vertices(lanes, of, (&sheet, bound), moment, shear, &mut sheared)
+        } else {
+            let sheet = Single::new(lanes, tree, self.patch, &block, &self.quad);
+            tree.vertices(lanes, of, (&sheet, bound), moment, shear, &mut sheared)
+        };
         if rows == 0 {
             return None;
         }

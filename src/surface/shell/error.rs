@@ -102,25 +102,38 @@ pub(super) struct Probe {
 }
 
 impl Probe {
-    /// How many quads a face needs along u and v, powers of two but for `most`.
+    /// How many quads a face needs along u and v: a power of two or three fourths of one, or `most`.
     pub(super) fn needs(
         &mut self,
         flat: &Surface,
         face: u32,
         most: [u32; 2],
         asked: &Asked,
-    ) -> [u16; 2] {
+    ) -> [u32; 2] {
         let mut quads = [1; 2];
         if flat.base().is_hole(face) {
-            return quads.map(|n: u32| n as u16);
+            return quads;
         }
         loop {
-            let more = finer(quads, most, self.off(flat, face, quads, asked));
+            let off = self.off(flat, face, quads, asked);
+            let more = finer(quads, most, off);
             if more == quads {
-                return quads.map(|n| n as u16);
+                if off.iter().all(|off| *off <= 1.0) {
+                    break;
+                }
+                return quads;
             }
             quads = more;
         }
+        for k in 0..2 {
+            let mut fewer = quads;
+            fewer[k] = (3 * quads[k]).div_ceil(4);
+            let good = |off: f32| off <= 1.0;
+            if quads[k] >= 4 && self.off(flat, face, fewer, asked).into_iter().all(good) {
+                quads = fewer;
+            }
+        }
+        quads
     }
 
     /// How far so many quads along u and v are off, at all motion keys.

@@ -110,8 +110,14 @@ pub struct Shell {
 
 impl Shell {
     /// Cuts the limit surface that `surface` displaces, on all threads; the same bytes for any number of them. No face is
-    /// cut more finely than at the rates given.
-    pub fn new(surface: &Surface, rates: &Rates, tolerance: &ShellTolerance) -> Self {
+    /// cut more finely than at the rates given. `fitting` may take more quads along u or v than are needed: it is told how
+    /// many are, and the rate.
+    pub fn new(
+        surface: &Surface,
+        rates: &Rates,
+        tolerance: &ShellTolerance,
+        fitting: impl Fn(u32, u32) -> u32 + Sync,
+    ) -> Self {
         let flat = surface.undisplaced();
         let keys = flat.base().keys();
         let diagonal = bounds(&flat).extent().length();
@@ -123,7 +129,9 @@ impl Shell {
         let sizes: Vec<[u16; 2]> = (0..flat.base().faces())
             .into_par_iter()
             .map_init(Probe::default, |probe, face| {
-                probe.needs(&flat, face, rates.face(face), &asked)
+                let most = rates.face(face);
+                let needs = probe.needs(&flat, face, most, &asked);
+                [0, 1].map(|k| fitting(needs[k], most[k]).clamp(1, needs[k].max(most[k])) as u16)
             })
             .collect();
         let mut grids = Vec::new();

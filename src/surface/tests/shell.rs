@@ -28,7 +28,9 @@ fn along(shell: &Shell, base: &Patches, grid: &FaceGrid, k: u32) -> Vec<[u32; 8]
 
 /// At most 64 micro-quads along each edge.
 fn shell(flat: &Surface, tolerance: &ShellTolerance) -> Shell {
-    Shell::new(flat, &Rates::uniform(flat, 64), tolerance)
+    Shell::new(flat, &Rates::uniform(flat, 64), tolerance, |needed, _| {
+        needed
+    })
 }
 
 #[test]
@@ -40,7 +42,7 @@ fn neighbours_have_the_same_corners() {
                 angle,
                 ..ShellTolerance::default()
             };
-            let shell = Shell::new(&flat, &Rates::uniform(&flat, most), &tolerance);
+            let shell = Shell::new(&flat, &Rates::uniform(&flat, most), &tolerance, |n, _| n);
             let mut sides: BTreeMap<u32, Vec<Vec<[u32; 8]>>> = BTreeMap::new();
             for grid in shell.grids() {
                 assert!(grid.size.iter().all(|&n| u32::from(n) <= most), "{name}");
