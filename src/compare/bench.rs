@@ -19,7 +19,7 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, prepare, together};
+use super::traced::{Prepared, Traced, how_much_finer, prepare, together};
 use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
@@ -36,12 +36,6 @@ const ENOUGH_SECONDS: f64 = 0.5;
 
 /// Part of their time for which threads should have had processors.
 const ENOUGH_SHARE: f64 = 0.85;
-
-/// How many times as fine references are along an edge: the first of these that is not too large.
-const FINER: [u32; 3] = [4, 3, 2];
-
-/// Micro-triangles of one surface's reference at most. They take 4 GB while they are built.
-const MOST_IN_REFERENCE: u64 = 1 << 27;
 
 /// What measuring is told.
 #[derive(Debug, Clone)]
@@ -368,10 +362,7 @@ fn measure_distances(
     warnings: &mut Warnings,
 ) -> Result<Option<Reference>> {
     let largest = (prepared.iter().map(|p| p.rates.micro_triangles())).max();
-    let fits = |finer: &u32| {
-        largest.unwrap_or(0) * u64::from(*finer) * u64::from(*finer) <= MOST_IN_REFERENCE
-    };
-    let Some(finer) = FINER.into_iter().find(fits) else {
+    let Some(finer) = how_much_finer(largest.unwrap_or(0)) else {
         warnings.add("no reference", || {
             "distances are not measured: more finely diced, a surface would have too many micro-triangles"
                 .to_owned()

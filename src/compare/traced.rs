@@ -10,6 +10,20 @@ use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
 use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv};
 use crate::world::{AchievedError, Cache, HitPlaces, How, MaxError, Method, Object, of_embree};
 
+/// How many times as fine references are along an edge: the first of these that is not too large.
+const FINER: [u32; 3] = [4, 3, 2];
+
+/// Micro-triangles of one surface's reference at most. They take 4 GB while they are built.
+const MOST_IN_REFERENCE: u64 = 1 << 27;
+
+/// How many times as fine the reference of a surface of so many micro-triangles can be along an edge; none if even the
+/// least would take too much memory.
+pub(super) fn how_much_finer(micro_triangles: u64) -> Option<u32> {
+    FINER
+        .into_iter()
+        .find(|&finer| micro_triangles * u64::from(finer) * u64::from(finer) <= MOST_IN_REFERENCE)
+}
+
 /// An object of the scene at the fineness asked for.
 pub(super) struct Prepared {
     pub(super) object: Object,

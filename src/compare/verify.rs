@@ -6,25 +6,28 @@
 //! and to the reference's points of the same face and parameters, of its smooth surface and of its micro-triangles,
 //! which may have slid along the surface. Normals are
 //! those of the smooth surfaces, compared where the method's normal meets the reference or, where that faces away, at the
-//! same face and parameters, if either is close by. Leaks are rays that leave a closed mesh from within: from halfway
-//! between the points where a ray enters and leaves it.
+//! same face and parameters, if either is close by.
+//!
+//! Leaks are rays that leave a closed mesh from within by the method's account, and not by the reference's. They start
+//! halfway between the points where a ray enters and leaves the reference, wherever that is far from it on all sides, by
+//! more than the method's surface may be off: what is within a fold's width of the surface may well be outside of it.
+//!
+//! References are micro-triangles as grids, four times as fine along an edge, or less where that would take too much
+//! memory.
 
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, prepare};
+use super::traced::{Prepared, Traced, how_much_finer, prepare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Ray, Vec3};
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::surface::Rates;
-use crate::trace::{Device, DeviceOptions};
+use crate::trace::{Device, DeviceOptions, Scene};
 use crate::world::{AchievedError, CacheSize, Method, objects};
-
-/// How many times as fine references are, along an edge.
-const FINER: u32 = 4;
 
 /// Farther apart than this part of the box, two hits are not of one place, and their normals are not compared.
 const SAME_PLACE: f32 = 1e-3;
@@ -113,9 +116,18 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     for prepared in &prepared {
         let device = Device::new(&DeviceOptions::default())?;
         let none = Method::EmbreeTriangles.cache(options.cache_size);
-        let fine = prepared.finer(FINER);
+        let finer = how_much_finer(prepared.rates.micro_triangles()).unwrap_or_else(|| {
+            warnings.add("coarse references", || {
+                format!(
+                    "{}: compared with surfaces diced alike: more finely diced, they would take too much memory",
+                    prepared.object.path
+                )
+            });
+            1
+        });
+        let fine = prepared.finer(finer);
         let embree = supported(prepared, &fine, &device, &mut warnings)?;
-        let triangles = prepared.build(Method::EmbreeTriangles, &fine, &device, &none)?;
+        let triangles = prepared.build(Method::EmbreeGrid, &fine, &device, &none)?;
         for &method in &options.methods {
             if method == Method::EmbreeSubdivision && embree.is_none() {
                 continue;
@@ -123,7 +135,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
             let cache = method.cache(options.cache_size);
             let traced = prepared.build(method, &prepared.rates, &device, &cache)?;
             let leaks = if prepared.object.surface.is_closed() {
-                leaks(prepared, &traced, options.rays)
+                leaks(prepared, &traced, &triangles, options.rays)
             } else {
                 0
             };
@@ -269,31 +281,53 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
 }
 
 /// Rays from inside of a closed mesh that meet nothing.
-fn leaks(prepared: &Prepared, traced: &Traced, rays: u64) -> u64 {
+fn leaks(prepared: &Prepared, traced: &Traced, reference: &Traced, rays: u64) -> u64 {
     let diagonal = prepared.object.diagonal();
+    let off = traced.error.map_or(0.0, |error| error.max_diagonals) as f32;
+    let apart = diagonal * (2e-3 + off);
     (0..rays)
         .into_par_iter()
         .filter(|&seed| {
             let mut random = Random::new(seed);
             let ray = ray(prepared, &mut random);
-            let Some(first) = traced.scene.intersect(&ray) else {
+            let Some(inside) = inside(&reference.scene, ray, apart) else {
                 return false;
             };
-            let beyond = Ray {
-                t_min: first.t + 1e-4 * diagonal,
-                ..ray
-            };
-            let Some(second) = traced.scene.intersect(&beyond) else {
-                return false;
-            };
-            // In through one side and out through the other.
-            let sides = [first, second].map(|hit| hit.normal.dot(ray.direction));
-            if sides[0] * sides[1] >= 0.0 || second.t - first.t < 1e-3 * diagonal {
-                return false;
-            }
-            let inside = ray.at(0.5 * (first.t + second.t));
             let out = Ray::new(inside, random.direction(), 0.0);
-            !traced.scene.occluded(&out)
+            !traced.scene.occluded(&out) && reference.scene.occluded(&out)
         })
         .count() as u64
+}
+
+/// A point within what a ray from outside meets first, with nothing so near in any of many directions.
+fn inside(scene: &Scene, ray: Ray, apart: f32) -> Option<Vec3> {
+    let first = scene.intersect(&ray)?;
+    let beyond = Ray {
+        t_min: first.t.next_up(),
+        ..ray
+    };
+    let second = scene.intersect(&beyond)?;
+    // In through one side and out through the other.
+    let sides = [first, second].map(|hit| hit.normal.dot(ray.direction));
+    if sides[0] * sides[1] >= 0.0 || second.t - first.t < 2.0 * apart {
+        return None;
+    }
+    let inside = ray.at(0.5 * (first.t + second.t));
+    let signs = [-1.0_f32, 0.0, 1.0];
+    let mut around = signs.iter().flat_map(|&x| {
+        signs
+            .iter()
+            .flat_map(move |&y| signs.map(|z| Vec3::new(x, y, z)))
+    });
+    let near = around.any(|direction| {
+        let Some(direction) = direction.try_normalize() else {
+            return false;
+        };
+        let probe = Ray {
+            t_max: apart,
+            ..Ray::new(inside, direction, 0.0)
+        };
+        scene.occluded(&probe)
+    });
+    (!near).then_some(inside)
 }
