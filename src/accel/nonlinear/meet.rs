@@ -24,6 +24,9 @@ const UNIT: f64 = 1.0 / 65536.0;
 /// How near the place of a line is found, in micro-edges.
 pub(super) const NEAR: f64 = 0.05;
 
+/// How far it may be from where it was looked for, in micro-edges: what is farther is another part of the surface.
+const FARTHEST: f64 = 16.0;
+
 /// The most of Newton's steps.
 const STEPS: usize = 6;
 
@@ -203,6 +206,9 @@ fn met(surface: &Surface, face: u32, key: u32, line: &Corner, start: DVec2, step
         if by.abs().cmple(NEAR * step).all() {
             let normal = du.cross(dv);
             return Way::Inside(Found { point, normal, uv });
+        }
+        if (uv - start).abs().cmpgt(FARTHEST * step).any() {
+            return Way::Lost;
         }
         let is_beyond = limits(uv) != uv;
         if is_beyond && was_beyond {
