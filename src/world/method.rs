@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::accel::{
     Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions,
-    Intersector, Keep, MaxError, Nonlinear, Stored, Tessellated, Trimmed,
+    Intersector, Keep, MaxError, Stored, Tessellated, Trimmed,
 };
 use crate::error::{Error, Result};
 use crate::math::Vec2;
@@ -35,8 +35,6 @@ pub enum Method {
     Cache,
     /// Micro-triangles that are computed where rays pass, of a surface as few quads and an image.
     Dbvh,
-    /// Heights over prisms, traced by bent rays.
-    Nonlinear,
 }
 
 /// A surface built for a method.
@@ -89,7 +87,7 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 9] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
@@ -99,7 +97,6 @@ impl Method {
         Self::Compressed,
         Self::Cache,
         Self::Dbvh,
-        Self::Nonlinear,
     ];
 
     /// Its name on the command line and in reports.
@@ -114,7 +111,6 @@ impl Method {
             Self::Compressed => "compressed",
             Self::Cache => "cache",
             Self::Dbvh => "dbvh",
-            Self::Nonlinear => "nonlinear",
         }
     }
 
@@ -136,7 +132,6 @@ impl Method {
                 "the micro-triangles of compact, diced when rays come to them, in a cache of fixed size"
             }
             Self::Dbvh => "micro-triangles computed where rays pass, from few quads and the image",
-            Self::Nonlinear => "heights over prisms, traced by bent rays: no micro-triangles",
         }
     }
 
@@ -152,7 +147,6 @@ impl Method {
             Self::Compressed => 2,
             Self::Cache => 1,
             Self::Dbvh => 8,
-            Self::Nonlinear => 5,
         }
     }
 
@@ -271,11 +265,6 @@ impl Method {
             }
             Self::Dbvh => {
                 let tree = Dbvh::build(surface, rates, &DbvhOptions::default(), how.go_on)?;
-                thick = Some(tree.achieved());
-                of_hit(tree, surface, device)?
-            }
-            Self::Nonlinear => {
-                let tree = Nonlinear::build(surface, rates, how.go_on)?;
                 thick = Some(tree.achieved());
                 of_hit(tree, surface, device)?
             }

@@ -161,8 +161,7 @@ fn no_ray_escapes_what_ptex_displaces() {
         | Method::Compact
         | Method::Compressed
         | Method::Cache
-        | Method::Dbvh
-        | Method::Nonlinear => 0,
+        | Method::Dbvh => 0,
         _ => effort(1_000_000) / 10_000_000,
     };
     lost.retain(|&(method, escaped)| escaped > allowed(method));
