@@ -115,9 +115,9 @@ impl Method {
                 commit: 34 * keys * counts.of_2,
             },
             Self::EmbreeSubdivision => Need {
-                held: 400 * faces + 20 * keys * triangles,
+                held: 400 * faces + 26 * keys * triangles,
                 dicing: 0,
-                commit: 200 * faces + 2 * keys * triangles,
+                commit: 200 * faces + 4 * keys * triangles,
             },
             Self::Tessellated => Need {
                 held: points + grids + 26 * keys * triangles,
