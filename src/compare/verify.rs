@@ -14,14 +14,14 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, prepare};
+use super::traced::{Prepared, Traced, methods, prepare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Ray, Vec3};
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{AchievedError, CacheSize, Method, objects};
+use crate::world::{AchievedError, CacheSize, Choice, Method, objects};
 
 /// How many times as fine references are, along an edge.
 const FINER: u32 = 4;
@@ -109,14 +109,18 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     let objects = objects(description, &mut warnings)?;
     let view = || camera(description, picture_size(description));
     let prepared = prepare(objects, (options.fineness, options.max_error), &view)?;
-    let mut found: Vec<(Method, &'static str, Found)> = Vec::new();
-    for prepared in &prepared {
+    let mut found: Vec<(Choice, &'static str, Found)> = Vec::new();
+    let choices: Vec<(Choice, Vec<Method>)> = (options.methods.iter())
+        .map(|&choice| (choice, methods(choice, &prepared)))
+        .collect();
+    for (number, prepared) in prepared.iter().enumerate() {
         let device = Device::new(&DeviceOptions::default())?;
         let none = Method::EmbreeTriangles.cache(options.cache_size);
         let fine = prepared.finer(FINER);
         let embree = supported(prepared, &fine, &device, &mut warnings)?;
         let triangles = prepared.build(Method::EmbreeTriangles, &fine, &device, &none)?;
-        for &method in &options.methods {
+        for (choice, methods) in &choices {
+            let (choice, method) = (*choice, methods[number]);
             if method == Method::EmbreeSubdivision && embree.is_none() {
                 continue;
             }
@@ -142,15 +146,15 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
                 };
                 match found
                     .iter_mut()
-                    .find(|(m, n, _)| (*m, *n) == (method, name))
+                    .find(|(m, n, _)| (*m, *n) == (choice, name))
                 {
                     Some((_, _, all)) => *all = all.and(now),
-                    None => found.push((method, name, now)),
+                    None => found.push((choice, name, now)),
                 }
             }
         }
     }
-    let row = |(method, reference, found): (Method, &'static str, Found)| VerifyRow {
+    let row = |(method, reference, found): (Choice, &'static str, Found)| VerifyRow {
         method: method.name(),
         reference,
         rays: found.rays,
