@@ -6,7 +6,7 @@
 //! our own to meet rays with them; [`trace`] hands surfaces to Embree, where an [`accel::Intersector`] may stand for
 //! one; [`shade`] knows camera, lights and materials; [`integrate`]
 //! computes the radiance along a ray; [`film`] gathers samples into pixels; [`image`] reads textures and
-//! writes pictures; [`store`] keeps what is slow to build in files; [`render`] runs these stages in this order. [`compare`] sets ways of tracing against each other,
+//! writes pictures; [`store`] keeps what is slow to build in files; [`memory`] is what all of it may take; [`render`] runs these stages in this order. [`compare`] sets ways of tracing against each other,
 //! [`convert`] turns images into Ptex files and back, [`atlas`] gives cages the texture coordinates that they lack, [`bake`]
 //! finds the displacement that makes a dense mesh of a cage.
 #![deny(unsafe_code)]
@@ -21,6 +21,7 @@ pub mod film;
 pub mod image;
 pub mod integrate;
 pub mod math;
+pub mod memory;
 pub mod mesh;
 pub mod nurbs;
 pub mod render;

@@ -8,6 +8,7 @@ use std::time::Instant;
 use serde::Serialize;
 
 use crate::error::{Error, Result, Warning};
+use crate::memory::resident;
 
 pub use achieved::AchievedError;
 
@@ -36,6 +37,10 @@ pub struct Stats {
     pub nanoseconds_per_ray: f64,
     /// Bytes by owner after building.
     pub bytes: Bytes,
+    /// The most memory that the process had in use, all libraries included; none where the system does not tell.
+    pub peak_resident_bytes: Option<u64>,
+    /// How objects are traced.
+    pub objects: Vec<ObjectStats>,
     /// How far the method moved micro-vertices, or how thick its slabs are, if it did or has any.
     pub achieved_error: Option<AchievedError>,
     /// What the cache was asked for, if surfaces were diced while rays were traced.
@@ -86,17 +91,9 @@ impl Stage {
         Self {
             name,
             seconds: start.elapsed().as_secs_f64(),
-            resident_bytes: resident_bytes(),
+            resident_bytes: resident().map(|bytes| bytes as u64),
         }
     }
-}
-
-/// From Linux's process file system.
-fn resident_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|l| l.strip_prefix("VmRSS:"))?;
-    let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim_end().parse().ok()?;
-    Some(1024 * kibibytes)
 }
 
 /// Rays by kind.
@@ -139,6 +136,19 @@ pub struct Bytes {
     pub textures: usize,
     /// The picture while it is rendered.
     pub film: usize,
+}
+
+/// How an object is traced, and what for.
+#[derive(Debug, Clone, Serialize)]
+pub struct ObjectStats {
+    /// The prim.
+    pub path: String,
+    /// The method's name; `polygons` for what is not diced.
+    pub method: &'static str,
+    /// What it is diced into; none where it was built before.
+    pub micro_triangles: Option<u64>,
+    /// What was expected that it takes, by the method.
+    pub expected_bytes: u64,
 }
 
 /// What a tessellation cache was asked for.

@@ -8,8 +8,10 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Lowest first: a module and the modules that it may use. What stands below it in the list it may not.
-const LAYERS: [(&str, &[&str]); 23] = [
+const LAYERS: [(&str, &[&str]); 24] = [
     ("error", &[]),
+    // How much all of the program may take.
+    ("memory", &["error"]),
     ("math", &[]),
     // A file of sections: what they hold it does not know.
     ("store", &["error"]),
@@ -19,7 +21,7 @@ const LAYERS: [(&str, &[&str]); 23] = [
     // Tells a store what a texture holds.
     ("image", &["error", "math", "store"]),
     // Statistics are written like pictures: whole or not at all.
-    ("stats", &["error", "image"]),
+    ("stats", &["error", "memory", "image"]),
     ("scene", &["error", "math", "mesh", "image"]),
     ("subdiv", &["error", "math", "mesh"]),
     ("nurbs", &["error", "math", "mesh"]),
@@ -33,7 +35,9 @@ const LAYERS: [(&str, &[&str]); 23] = [
     // Of surfaces it takes diced ones, to hand their micro-vertices to Embree.
     (
         "trace",
-        &["error", "stats", "math", "mesh", "surface", "accel"],
+        &[
+            "error", "memory", "stats", "math", "mesh", "surface", "accel",
+        ],
     ),
     (
         "shade",
@@ -44,8 +48,8 @@ const LAYERS: [(&str, &[&str]); 23] = [
     (
         "world",
         &[
-            "error", "store", "stats", "math", "mesh", "image", "scene", "subdiv", "nurbs",
-            "surface", "accel", "trace", "shade",
+            "error", "memory", "store", "stats", "math", "mesh", "image", "scene", "subdiv",
+            "nurbs", "surface", "accel", "trace", "shade",
         ],
     ),
     (
@@ -58,6 +62,7 @@ const LAYERS: [(&str, &[&str]); 23] = [
         "render",
         &[
             "error",
+            "memory",
             "store",
             "stats",
             "math",
@@ -79,8 +84,8 @@ const LAYERS: [(&str, &[&str]); 23] = [
     (
         "compare",
         &[
-            "error", "stats", "math", "mesh", "image", "scene", "surface", "accel", "trace",
-            "shade", "world", "render",
+            "error", "memory", "stats", "math", "mesh", "image", "scene", "surface", "accel",
+            "trace", "shade", "world", "render",
         ],
     ),
     // Rays from a limit surface to a dense mesh; of the render only how it tells of progress.

@@ -9,12 +9,14 @@
 
 mod atlas;
 mod bake;
+mod budget;
 mod common;
 mod compare;
 mod displaced;
 mod embree_agrees;
 mod errors;
 mod eval;
+mod faults;
 mod footprints;
 mod furnace;
 mod gprims;

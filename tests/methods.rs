@@ -141,7 +141,7 @@ fn picture(folder: &Path, scene: &Path, method: Method, threads: usize) -> Vec<V
     options.resolution = Some([64, 64]);
     options.spp = 16;
     options.threads = threads;
-    options.build.method = method;
+    options.build.method = method.into();
     let stats = run(&options);
     assert_eq!(stats.non_finite_samples, 0, "{}", method.name());
     read(&picture).2
@@ -187,8 +187,8 @@ fn a_cache_of_any_size_shows_the_same_bytes() {
         options.resolution = Some([64, 64]);
         options.spp = 8;
         options.threads = threads;
-        options.build.method = Method::Cache;
-        options.build.cache_size = CacheSize(size);
+        options.build.method = Method::Cache.into();
+        options.build.cache_size = Some(CacheSize(size));
         options.build.dicing.rate = 0.5;
         let used = run(&options).cache.expect("it has a cache");
         println!("{size} bytes, {threads} threads: {used:?}");
@@ -228,7 +228,7 @@ fn deep_and_fine_detail_is_as_bright_by_every_method() {
         options.resolution = Some(SIZE);
         options.spp = 8;
         options.threads = 2;
-        options.build.method = method;
+        options.build.method = method.into();
         run(&options);
         let (width, _, pixels) = read(&picture);
         let middle = |i: usize| {
@@ -349,7 +349,7 @@ fn a_build_tells_how_far_it_is_and_can_be_ended() {
             continue;
         }
         let options = BuildOptions {
-            method,
+            method: method.into(),
             default_dome: 1.0,
             ..BuildOptions::default()
         };

@@ -97,7 +97,7 @@ fn top(scene: &Path, method: Method, at: f64) -> Vec<Vec3> {
     let mut options = options(scene, &picture);
     options.resolution = Some([96, 96]);
     options.spp = 1;
-    options.build.method = method;
+    options.build.method = method.into();
     run(&options);
     let (width, _, pixels) = read(&picture);
     // An aperture of 24 tenths of a unit.
@@ -220,7 +220,7 @@ fn normals_follow_the_parameters_of_faces() {
             let mut options = options(&scene, &picture);
             options.resolution = Some([64, 64]);
             options.spp = 1;
-            options.build.method = method;
+            options.build.method = method.into();
             run(&options);
             let pixels = read(&picture).2;
             let seen = |square: usize, y: usize| pixels[y * 64 + 8 + 16 * square].x;

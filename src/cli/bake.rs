@@ -163,7 +163,7 @@ impl Bake {
             .map_err(|e| Error::failed(format!("cannot start threads: {e}")))?;
         let device = Device::new(&DeviceOptions {
             threads: pool.current_num_threads(),
-            memory_budget: self.machine.memory_budget,
+            memory_budget: self.machine.memory_budget.into(),
             ..DeviceOptions::default()
         })?;
         let result = pool.install(|| self.bake(&device, run));

@@ -6,7 +6,7 @@ use clap::Args;
 use relievo::integrate::PathOptions;
 use relievo::render::{Output, RenderOptions, build};
 use relievo::shade::filter::{Filter, FilterKind};
-use relievo::world::{BuildOptions, CacheSize, Method};
+use relievo::world::{BuildOptions, Choice, Method};
 use relievo::{Error, Result};
 
 use super::machine::{Machine, interrupt};
@@ -25,7 +25,7 @@ pub(crate) struct Build {
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// How surfaces will be traced: a method of our own that compresses.
-    #[arg(long, value_enum, default_value_t = MethodArgument(Method::Compact), help_heading = "Quality")]
+    #[arg(long, value_enum, default_value_t = MethodArgument(Choice::One(Method::Compact)), help_heading = "Quality")]
     method: MethodArgument,
     #[command(flatten)]
     staging: Staging,
@@ -58,18 +58,18 @@ impl Build {
             filter: Filter::new(FilterKind::Box),
             seed: 0,
             threads: self.machine.threads(),
-            memory_budget: self.machine.memory_budget,
+            memory_budget: self.machine.memory_budget.into(),
             load: self.staging.load(),
             depth_of_field: true,
             build: BuildOptions {
                 method: self.method.0,
                 dicing: self.staging.dicing(),
                 max_error: self.staging.max_error.unwrap_or_default(),
-                cache_size: CacheSize::default(),
                 clay: None,
                 missing_textures: self.staging.missing_textures(),
                 ptex_filter: None,
                 default_dome: 1.0,
+                ..BuildOptions::default()
             },
             built: None,
             camera: self.staging.camera,

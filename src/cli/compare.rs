@@ -6,14 +6,14 @@ use clap::Args;
 use relievo::compare::{CompareOptions, Fineness};
 use relievo::error::Warnings;
 use relievo::scene::{self, Description, LoadOptions};
-use relievo::world::{AchievedError, MaxError, Method};
+use relievo::world::{AchievedError, Choice, MaxError, Method};
 use relievo::{Error, Result};
 
 use super::method::{CacheArgument, MethodArgument, max_error};
 
 #[derive(Debug, Args)]
 pub(super) struct Compare {
-    /// Methods, with commas between [default: all]
+    /// Methods, with commas between [default: all but auto]
     #[arg(long, value_enum, value_delimiter = ',')]
     methods: Vec<MethodArgument>,
     /// Length of a micro-edge in pixels, before the scene's camera.
@@ -53,14 +53,14 @@ impl Compare {
     }
 
     pub(super) fn options(&self, rays: u64) -> CompareOptions {
-        let mut methods: Vec<Method> = Vec::new();
+        let mut methods: Vec<Choice> = Vec::new();
         for &MethodArgument(method) in &self.methods {
             if !methods.contains(&method) {
                 methods.push(method);
             }
         }
         if methods.is_empty() {
-            methods = Method::ALL.to_vec();
+            methods = Method::ALL.map(Choice::One).to_vec();
         }
         CompareOptions {
             methods,
@@ -69,7 +69,7 @@ impl Compare {
                 None => Fineness::MicroTriangles(self.micro_triangles),
             },
             max_error: self.max_error.unwrap_or_default(),
-            cache_size: self.cache.size(),
+            cache_size: self.cache.size().unwrap_or_default(),
             rays,
         }
     }

@@ -7,31 +7,40 @@ use clap::Args;
 use rayon::prelude::*;
 use relievo::Result;
 use relievo::image::Texture;
+use relievo::memory::{Budget, amount};
 use relievo::mesh::{Crease, Scheme};
-use relievo::render::estimate;
+use relievo::render::{Estimate, estimate, picture_size};
 use relievo::scene::{self, Description, LoadOptions, MissingLayers};
+use relievo::world::{BuildOptions, Method};
+
+use super::machine::bytes;
+use super::staging::Staging;
 
 /// Tell what is in a scene: prims, faces, creases, textures, and what memory a picture of it will take.
 ///
-/// Textures are read for their size. Layers that are missing are told and do not stop it.
+/// Textures are read for their size. Layers that are missing are told and do not stop it. How many micro-triangles surfaces
+/// are diced into is known exactly; bytes by each method follow from that, and are rather too large: by a tenth for
+/// Embree's, up to twice for ours.
 #[derive(Debug, Args)]
 pub(crate) struct Info {
     /// Scene: .usd, .usda, .usdc, .usdz or .obj.
     scene: PathBuf,
-    /// Frame to look at [default: the file's start frame]
-    #[arg(long, allow_negative_numbers = true)]
-    frame: Option<f64>,
-    /// One line for every mesh, light, material and texture.
+    /// One line for every mesh, light, material and texture, and all objects' memory.
     #[arg(long, short)]
     long: bool,
+    /// What `--method auto` may take, for what it chooses: 800M, 12G [default: half of the machine's memory]
+    #[arg(long, value_name = "BYTES", value_parser = bytes)]
+    memory_budget: Option<usize>,
+    #[command(flatten)]
+    staging: Staging,
 }
 
 impl Info {
     pub(crate) fn run(self) -> Result<()> {
+        self.staging.check()?;
         let options = LoadOptions {
-            frame: self.frame,
             missing_layers: MissingLayers::Skip,
-            ..LoadOptions::default()
+            ..self.staging.load()
         };
         let scene = scene::load(&self.scene, &options)?;
         let mut out = format!("{}\n", self.scene.display());
@@ -55,31 +64,13 @@ impl Info {
             })
             .collect();
         let missing = textures.iter().filter(|t| t.is_err()).count();
-        let bytes: usize = textures.iter().flatten().map(Texture::memory).sum();
         writeln!(
             out,
             "  textures    {}, {missing} of them cannot be read",
             textures.len()
         )?;
-        match estimate(scene) {
-            Ok(e) => {
-                let all = e.embree + e.control_meshes + e.film + bytes as u64;
-                let [width, height] = e.resolution;
-                writeln!(
-                    out,
-                    "  memory      about {} at {width} x {height} pixels",
-                    megabytes(all)
-                )?;
-                writeln!(
-                    out,
-                    "    geometry      about {} for {} micro-triangles",
-                    megabytes(e.embree),
-                    e.micro_triangles
-                )?;
-                writeln!(out, "    meshes        {}", megabytes(e.control_meshes))?;
-                writeln!(out, "    textures      {}", megabytes(bytes as u64))?;
-                writeln!(out, "    film          {}", megabytes(e.film))?;
-            }
+        match self.estimate(scene) {
+            Ok(estimate) => self.tell_memory(&estimate, out)?,
             Err(error) => writeln!(out, "  memory      {error}")?,
         }
         if self.long {
@@ -91,6 +82,99 @@ impl Info {
                 n => format!(" ({n} times)"),
             };
             writeln!(out, "  warning     {}{times}", warning.message)?;
+        }
+        Ok(())
+    }
+}
+
+impl Info {
+    fn estimate(&self, scene: &Description) -> Result<Estimate> {
+        let staging = &self.staging;
+        let size = staging
+            .resolution()
+            .unwrap_or_else(|| picture_size(scene))
+            .map(|n| ((n as f32 * staging.scale()).round() as u32).max(1));
+        let options = BuildOptions {
+            dicing: staging.dicing(),
+            max_error: staging.max_error.unwrap_or_default(),
+            // What cannot be read was told.
+            missing_textures: Some(relievo::math::Vec4::ONE),
+            ..BuildOptions::default()
+        };
+        let budget = Budget::from(self.memory_budget);
+        estimate(scene, (staging.camera.as_deref(), size), &options, &budget)
+    }
+
+    fn tell_memory(&self, estimate: &Estimate, out: &mut String) -> std::fmt::Result {
+        let [width, height] = estimate.resolution;
+        let all = &estimate.foreseen;
+        let beside = estimate.control_meshes + all.surfaces + all.textures + estimate.film;
+        writeln!(
+            out,
+            "  memory      at {width} x {height} pixels, beside the program"
+        )?;
+        for (name, bytes) in [
+            ("meshes", estimate.control_meshes),
+            ("surfaces", all.surfaces),
+            ("textures", all.textures),
+            ("film", estimate.film),
+        ] {
+            writeln!(out, "    {name:20} {:>10}", amount(bytes as f64))?;
+        }
+        let triangles: u64 = all.objects.iter().filter_map(|o| o.micro_triangles).sum();
+        writeln!(
+            out,
+            "  by method   at most, all of this included, for {triangles} micro-triangles"
+        )?;
+        for (method, bytes) in Method::ALL.iter().zip(&all.together) {
+            let note = if *method == Method::Cache {
+                " and --cache-size"
+            } else {
+                ""
+            };
+            let bytes = amount((bytes + beside) as f64);
+            writeln!(out, "    {:20} {bytes:>10}{note}", method.name())?;
+        }
+        let bytes = amount((all.chosen + all.cache + beside) as f64);
+        writeln!(out, "    {:20} {bytes:>10}", "auto")?;
+        // The largest ones, unless all are asked for.
+        let mut objects: Vec<_> = all.objects.iter().collect();
+        objects.sort_by_key(|object| std::cmp::Reverse(object.bytes[0]));
+        let shown = if self.long {
+            objects.len()
+        } else {
+            objects.len().min(5)
+        };
+        for object in &objects[..shown] {
+            match object.micro_triangles {
+                None => writeln!(
+                    out,
+                    "  object      {}  polygons, {}",
+                    object.path,
+                    amount(object.bytes[0] as f64)
+                )?,
+                Some(count) => {
+                    writeln!(
+                        out,
+                        "  object      {}  {count} micro-triangles, auto: {}",
+                        object.path,
+                        object.chosen.name()
+                    )?;
+                    let by = |(method, bytes): (&Method, &u64)| {
+                        format!("{} {}", method.name(), amount(*bytes as f64))
+                    };
+                    let methods: Vec<String> =
+                        Method::ALL.iter().zip(&object.bytes).map(by).collect();
+                    writeln!(out, "    {}", methods.join(", "))?;
+                }
+            }
+        }
+        if shown < objects.len() {
+            writeln!(
+                out,
+                "  and {} smaller objects: --long",
+                objects.len() - shown
+            )?;
         }
         Ok(())
     }
@@ -194,7 +278,7 @@ fn tell_each(
         match texture {
             Ok(texture) => {
                 let [width, height] = texture.size();
-                let bytes = megabytes(texture.memory() as u64);
+                let bytes = amount(texture.memory() as f64);
                 writeln!(
                     out,
                     "  texture     {}  {width} x {height}, {bytes}",
@@ -205,8 +289,4 @@ fn tell_each(
         }
     }
     Ok(())
-}
-
-fn megabytes(bytes: u64) -> String {
-    format!("{:.1} MB", bytes as f64 / 1e6)
 }

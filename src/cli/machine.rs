@@ -21,7 +21,7 @@ pub(super) struct Machine {
         help_heading = "Machine"
     )]
     threads: i32,
-    /// Memory for geometry and film: 800M, 12G.
+    /// Memory that the whole program may have, its own code included: 800M, 12G. See `relievo info`.
     #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
     pub(super) memory_budget: Option<usize>,
     /// Form of the progress reports.

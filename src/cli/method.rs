@@ -2,21 +2,21 @@
 
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
-use relievo::world::{CacheSize, MaxError, Method};
+use relievo::world::{CacheSize, Choice, MaxError, Method};
 
 use super::machine::bytes;
 
 /// A method by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct MethodArgument(pub(super) Method);
+pub(super) struct MethodArgument(pub(super) Choice);
 
 impl ValueEnum for MethodArgument {
     fn value_variants<'a>() -> &'a [Self] {
-        const ALL: [MethodArgument; Method::ALL.len()] = {
-            let mut all = [MethodArgument(Method::EmbreeTriangles); Method::ALL.len()];
+        const ALL: [MethodArgument; Method::ALL.len() + 1] = {
+            let mut all = [MethodArgument(Choice::Auto); Method::ALL.len() + 1];
             let mut i = 0;
             while i < Method::ALL.len() {
-                all[i] = MethodArgument(Method::ALL[i]);
+                all[i] = MethodArgument(Choice::One(Method::ALL[i]));
                 i += 1;
             }
             all
@@ -32,14 +32,15 @@ impl ValueEnum for MethodArgument {
 /// The size of the cache.
 #[derive(Debug, Clone, Copy, Args)]
 pub(super) struct CacheArgument {
-    /// Memory for what `cache` dices, for all surfaces together: 60M, 1G [default: 128M]
+    /// Memory for what `cache` dices, for all surfaces together: 60M, 1G [default: 128M, and at most an eighth of the
+    /// memory budget; with `auto` what is left]
     #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
     cache_size: Option<usize>,
 }
 
 impl CacheArgument {
-    pub(super) fn size(self) -> CacheSize {
-        self.cache_size.map_or_else(CacheSize::default, CacheSize)
+    pub(super) fn size(self) -> Option<CacheSize> {
+        self.cache_size.map(CacheSize)
     }
 }
 

@@ -10,7 +10,7 @@ use relievo::integrate::PathOptions;
 use relievo::render::{AOVS, Aov, Output, PixelType, RenderOptions, render};
 use relievo::shade::filter::{Filter, FilterKind};
 use relievo::store::Store;
-use relievo::world::{BuildOptions, Method};
+use relievo::world::{BuildOptions, Choice, Method};
 use relievo::{Error, Result};
 
 use super::machine::{Machine, interrupt};
@@ -184,7 +184,7 @@ impl Render {
                 store.told_otherwise(self.staging.differing(&told));
                 self.staging = self.staging.or(told);
                 self.staging.check()?;
-                stored_method(store, self.method)?
+                stored_method(store, self.method)?.into()
             }
         };
         let staging = self.staging;
@@ -218,7 +218,7 @@ impl Render {
             },
             seed: self.seed,
             threads: self.machine.threads(),
-            memory_budget: self.machine.memory_budget,
+            memory_budget: self.machine.memory_budget.into(),
             load: staging.load(),
             depth_of_field: !self.no_depth_of_field,
             build: BuildOptions {
@@ -230,6 +230,7 @@ impl Render {
                 missing_textures: staging.missing_textures(),
                 ptex_filter: self.ptex_filter,
                 default_dome: 1.0,
+                held_beside: 0,
             },
             built: built.map(Arc::new),
             camera: staging.camera,
@@ -269,7 +270,7 @@ fn stored_method(store: &Store, asked: Option<MethodArgument>) -> Result<Method>
         ));
     };
     match asked {
-        Some(MethodArgument(asked)) if asked != method => Err(Error::usage(
+        Some(MethodArgument(asked)) if asked != Choice::One(method) => Err(Error::usage(
             format!("--method {}, where {name} was built", asked.name()),
             "leave one of both out",
         )),

@@ -19,14 +19,14 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, how_much_finer, prepare, together};
+use super::traced::{Prepared, Traced, how_much_finer, methods, prepare, together};
 use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::trace::{Device, DeviceOptions, Scene};
-use crate::world::{AchievedError, Cache, CacheSize, CacheUse, Method, cache_use, objects};
+use crate::world::{AchievedError, Cache, CacheSize, CacheUse, Choice, Method, cache_use, objects};
 
 /// Times that everything is measured.
 const REPEATS: usize = 5;
@@ -36,6 +36,9 @@ const ENOUGH_SECONDS: f64 = 0.5;
 
 /// Part of their time for which threads should have had processors.
 const ENOUGH_SHARE: f64 = 0.85;
+
+/// What all others are compared with.
+const TWIN: Choice = Choice::One(Method::EmbreeTriangles);
 
 /// What measuring is told.
 #[derive(Debug, Clone)]
@@ -127,7 +130,7 @@ pub struct BenchRow {
 }
 
 struct Entry {
-    method: Method,
+    method: Choice,
     /// Each surface alone.
     traced: Vec<Traced>,
     /// All together.
@@ -205,8 +208,8 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
 
     let mut methods = options.methods.clone();
-    if !methods.contains(&Method::EmbreeTriangles) {
-        methods.insert(0, Method::EmbreeTriangles);
+    if !methods.contains(&TWIN) {
+        methods.insert(0, TWIN);
     }
     let mut entries: Vec<Entry> = Vec::new();
     for round in 0..REPEATS.div_ceil(2) {
@@ -219,7 +222,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
                     Some(earlier) => earlier.builds.extend(entry.builds),
                     None => entries.push(entry),
                 },
-                Err(Error::Input(fault)) if method == Method::EmbreeSubdivision => {
+                Err(Error::Input(fault)) if method == Choice::One(Method::EmbreeSubdivision) => {
                     warnings.add("not in Embree", || {
                         format!("Embree's subdivision is left out: {fault}")
                     });
@@ -230,7 +233,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     }
     let twin = entries
         .iter()
-        .position(|entry| entry.method == Method::EmbreeTriangles)
+        .position(|entry| entry.method == TWIN)
         .expect("it was put among the methods");
     let kinds = rays(&entries[twin].scene, &view);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -320,14 +323,15 @@ fn picture_of(pixels: u64, [width, height]: [u32; 2]) -> [u32; 2] {
 }
 
 /// Builds all surfaces and their scene, and measures bytes and seconds.
-fn build(method: Method, prepared: &[Prepared], cache_size: CacheSize) -> Result<Entry> {
+fn build(method: Choice, prepared: &[Prepared], cache_size: CacheSize) -> Result<Entry> {
     let device = Device::new(&DeviceOptions::default())?;
     let before = device.memory();
-    let cache = method.cache(cache_size);
+    let methods = methods(method, prepared);
+    let has_cache = methods.contains(&Method::Cache);
+    let cache = Method::Cache.cache(if has_cache { cache_size } else { CacheSize(0) });
     let start = Instant::now();
-    let traced = prepared
-        .iter()
-        .map(|p| p.build(method, &p.rates, &device, &cache))
+    let traced = (prepared.iter().zip(methods))
+        .map(|(p, method)| p.build(method, &p.rates, &device, &cache))
         .collect::<Result<Vec<_>>>()?;
     let places: Vec<&[Affine3A]> = prepared
         .iter()
@@ -336,7 +340,7 @@ fn build(method: Method, prepared: &[Prepared], cache_size: CacheSize) -> Result
     let scene = together(method, &traced, &places, &device)?;
     let seconds = start.elapsed().as_secs_f64();
     let own: usize = traced.iter().map(|t| t.bytes).sum();
-    let cache = (method == Method::Cache).then_some(cache);
+    let cache = has_cache.then_some(cache);
     let cached = cache.as_ref().map_or(0, |cache| cache.bytes());
     let bytes = own + cached + device.memory().saturating_sub(before);
     Ok(Entry {

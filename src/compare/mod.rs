@@ -11,7 +11,7 @@ pub use bench::{Bench, BenchOptions, BenchRow, BySpeed, Machine, Reference, benc
 pub use report::{Measured, check_report, report_json, write_report};
 pub use verify::{Verified, VerifyRow, verify};
 
-use crate::world::{CacheSize, MaxError, Method};
+use crate::world::{CacheSize, Choice, MaxError};
 
 /// How finely surfaces are diced.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,7 +26,7 @@ pub enum Fineness {
 #[derive(Debug, Clone)]
 pub struct CompareOptions {
     /// Which methods.
-    pub methods: Vec<Method>,
+    pub methods: Vec<Choice>,
     /// How finely they dice.
     pub fineness: Fineness,
     /// The farthest that a method which compresses may move a micro-vertex.

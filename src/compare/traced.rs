@@ -8,7 +8,9 @@ use crate::math::{Affine3A, Ray, Vec2, Vec3};
 use crate::shade::camera::Camera;
 use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
 use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv};
-use crate::world::{AchievedError, Cache, HitPlaces, How, MaxError, Method, Object, of_embree};
+use crate::world::{
+    AchievedError, Cache, Choice, HitPlaces, How, MaxError, Method, Object, chosen, of_embree,
+};
 
 /// How many times as fine references are along an edge: the first of these that is not too large.
 const FINER: [u32; 3] = [4, 3, 2];
@@ -68,6 +70,14 @@ pub(super) fn prepare(
             max_error,
         })
         .collect())
+}
+
+/// By which method each object is traced.
+pub(super) fn methods(choice: Choice, prepared: &[Prepared]) -> Vec<Method> {
+    match choice {
+        Choice::One(method) => vec![method; prepared.len()],
+        Choice::Auto => chosen((prepared.iter()).map(|p| (&*p.object.surface, &p.rates))),
+    }
 }
 
 impl Prepared {
@@ -204,7 +214,7 @@ impl Traced {
 
 /// Several meshes built for a method, each where it stands, in one scene.
 pub(super) fn together(
-    method: Method,
+    method: Choice,
     traced: &[Traced],
     places: &[&[Affine3A]],
     device: &Device,

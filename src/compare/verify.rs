@@ -20,14 +20,14 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, how_much_finer, prepare};
+use super::traced::{Prepared, Traced, how_much_finer, methods, prepare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Ray, Vec3};
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::surface::Rates;
 use crate::trace::{Device, DeviceOptions, Scene};
-use crate::world::{AchievedError, CacheSize, Method, objects};
+use crate::world::{AchievedError, CacheSize, Choice, Method, objects};
 
 /// Farther apart than this part of the box, two hits are not of one place, and their normals are not compared.
 const SAME_PLACE: f32 = 1e-3;
@@ -112,8 +112,11 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     let objects = objects(description, &mut warnings)?;
     let view = || camera(description, picture_size(description));
     let prepared = prepare(objects, (options.fineness, options.max_error), &view)?;
-    let mut found: Vec<(Method, &'static str, Found)> = Vec::new();
-    for prepared in &prepared {
+    let mut found: Vec<(Choice, &'static str, Found)> = Vec::new();
+    let choices: Vec<(Choice, Vec<Method>)> = (options.methods.iter())
+        .map(|&choice| (choice, methods(choice, &prepared)))
+        .collect();
+    for (number, prepared) in prepared.iter().enumerate() {
         let device = Device::new(&DeviceOptions::default())?;
         let none = Method::EmbreeTriangles.cache(options.cache_size);
         let finer = how_much_finer(prepared.rates.micro_triangles()).unwrap_or_else(|| {
@@ -128,7 +131,8 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
         let fine = prepared.finer(finer);
         let embree = supported(prepared, &fine, &device, &mut warnings)?;
         let triangles = prepared.build(Method::EmbreeGrid, &fine, &device, &none)?;
-        for &method in &options.methods {
+        for (choice, methods) in &choices {
+            let (choice, method) = (*choice, methods[number]);
             if method == Method::EmbreeSubdivision && embree.is_none() {
                 continue;
             }
@@ -154,15 +158,15 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
                 };
                 match found
                     .iter_mut()
-                    .find(|(m, n, _)| (*m, *n) == (method, name))
+                    .find(|(m, n, _)| (*m, *n) == (choice, name))
                 {
                     Some((_, _, all)) => *all = all.and(now),
-                    None => found.push((method, name, now)),
+                    None => found.push((choice, name, now)),
                 }
             }
         }
     }
-    let row = |(method, reference, found): (Method, &'static str, Found)| VerifyRow {
+    let row = |(method, reference, found): (Choice, &'static str, Found)| VerifyRow {
         method: method.name(),
         reference,
         rays: found.rays,

@@ -17,7 +17,7 @@ use glam::{Mat3, Vec2, Vec4};
 use half::slice::HalfFloatSliceExt;
 
 use self::levels::{Level, Sheet};
-use self::load::{How, load_files, load_packed, tame};
+use self::load::{How, expected_bytes, load_files, load_packed, tame};
 pub use self::texels::{FROM_BYTE, Fold, TexelKind, Texels};
 use super::border::{Info, Pixels};
 use super::{ColorSpace, ImageSource, Wrap, linear_from_srgb};
@@ -166,6 +166,14 @@ impl Texture {
             ));
         }
         Self::load_as(source, wrap, color_space, levels)
+    }
+
+    /// Bytes that its pixels will take, by what its files say about themselves, and as many more while it is read: some
+    /// readers hold the whole file then. 0 for what cannot be read; of files of more than `most` bytes their size.
+    pub fn expected_memory(source: &ImageSource, levels: bool, most: u64) -> [u64; 2] {
+        let bytes = expected_bytes(source, most);
+        let levels = if levels { bytes.div_ceil(3) } else { 0 };
+        [bytes + levels, bytes]
     }
 
     /// The same value everywhere: stands in for an image that is missing.

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::image::write_whole;
 use crate::stats::Stats;
 use crate::store::Writer;
-use crate::world::World;
+use crate::world::{Choice, World};
 
 /// What was written.
 #[derive(Debug, Clone)]
@@ -35,13 +35,15 @@ pub fn build(
     progress: &Progress,
     interrupt: &AtomicBool,
 ) -> Result<Recorded> {
-    let method = options.build.method;
-    if !method.is_stored() {
-        return Err(Error::usage(
-            format!("what {} builds cannot be stored", method.name()),
-            "choose --method compact or compressed",
-        ));
-    }
+    let method = match options.build.method {
+        Choice::One(method) if method.is_stored() => method,
+        other => {
+            return Err(Error::usage(
+                format!("what {} builds cannot be stored", other.name()),
+                "choose --method compact or compressed",
+            ));
+        }
+    };
     let mut stats = Stats::default();
     let mut written = (0, 0);
     write_whole(store, |temporary| {

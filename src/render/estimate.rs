@@ -3,47 +3,49 @@
 use super::{DEFAULT_RESOLUTION, framing};
 use crate::error::Result;
 use crate::film::Film;
+use crate::memory::Budget;
 use crate::scene::{AspectRatioConform, Description};
 use crate::shade::camera::{Camera, CameraOptions};
-use crate::world::{Dicing, micro_triangles};
+use crate::world::{BuildOptions, Foreseen, foresee};
 
-/// Bytes that Embree holds for a micro-triangle as a part of a grid, tree included, as `--stats` shows them for
-/// `scenes/creature`.
-const BYTES_PER_MICRO_TRIANGLE: u64 = 22;
-
-/// Bytes and counts; those of Embree are right to about a factor of two.
-#[derive(Debug, Clone, Copy)]
+/// Bytes and counts: see [`Method::need`](crate::world::Method::need) for how good they are.
+#[derive(Debug, Clone)]
 pub struct Estimate {
     /// The picture's size that it holds for.
     pub resolution: [u32; 2],
-    /// Triangles after dicing at the default rate.
-    pub micro_triangles: u64,
-    /// Embree's geometry and trees.
-    pub embree: u64,
+    /// Surfaces.
+    pub foreseen: Foreseen,
     /// Control meshes with their primvars: exact.
     pub control_meshes: u64,
     /// The picture while it is rendered: exact.
     pub film: u64,
 }
 
-/// Estimates what rendering takes, at the size that the scene asks for and by the camera that it names first.
+/// Estimates what rendering takes by the camera of this name, or that the scene names first.
 ///
 /// # Errors
-/// Where there is nothing to see, or the scene's settings name a camera that does not exist.
-pub fn estimate(description: &Description) -> Result<Estimate> {
-    let resolution = picture_size(description);
-    let camera = camera(description, resolution)?;
-    let micro_triangles = micro_triangles(description, &camera, &Dicing::default());
+/// Where there is nothing to see, or no such camera; and as for [`foresee`].
+pub fn estimate(
+    description: &Description,
+    (name, resolution): (Option<&str>, [u32; 2]),
+    options: &BuildOptions,
+    budget: &Budget,
+) -> Result<Estimate> {
+    let camera = camera_named(description, name, resolution)?;
+    let film = Film::bytes(resolution);
+    let options = BuildOptions {
+        held_beside: film,
+        ..options.clone()
+    };
     let meshes = description
         .shapes
         .iter()
         .map(|s| s.geometry.memory() as u64);
     Ok(Estimate {
         resolution,
-        micro_triangles,
-        embree: micro_triangles * BYTES_PER_MICRO_TRIANGLE,
+        foreseen: foresee(description, &camera, &options, budget)?,
         control_meshes: meshes.sum(),
-        film: Film::bytes(resolution) as u64,
+        film: film as u64,
     })
 }
 
@@ -58,9 +60,17 @@ pub fn picture_size(description: &Description) -> [u32; 2] {
 /// The camera that the scene names first, or one that shows all of it.
 ///
 /// # Errors
-/// As for [`estimate`].
+/// Where there is nothing to see, or the scene's settings name a camera that does not exist.
 pub fn camera(description: &Description, resolution: [u32; 2]) -> Result<Camera> {
-    let (camera, _) = framing::camera(description, None)?;
+    camera_named(description, None, resolution)
+}
+
+fn camera_named(
+    description: &Description,
+    name: Option<&str>,
+    resolution: [u32; 2],
+) -> Result<Camera> {
+    let (camera, _) = framing::camera(description, name)?;
     Camera::new(
         &camera,
         CameraOptions {

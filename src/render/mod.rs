@@ -22,14 +22,15 @@ use crate::error::{Error, Fault, Result};
 use crate::film::{Film, Tile};
 use crate::integrate::{PathOptions, path};
 use crate::math::Vec2;
+use crate::memory::{Budget, amount, peak_resident};
 use crate::scene::{self, AspectRatioConform, Description, LoadOptions};
 use crate::shade::camera::{Camera, CameraOptions};
 use crate::shade::filter::Filter;
 use crate::shade::sampler::Sampler;
-use crate::stats::{Bytes, Rays, SceneCounts, Stage, Stats};
+use crate::stats::{Bytes, ObjectStats, Rays, SceneCounts, Stage, Stats};
 use crate::store::Store;
 use crate::trace::{Device, DeviceOptions};
-use crate::world::{BuildOptions, Built, World, cache_use};
+use crate::world::{BuildOptions, Built, Choice, World, cache_use};
 
 /// Everything that a render can be told. `None` leaves it to the scene, then to the default.
 #[derive(Debug, Clone)]
@@ -54,8 +55,8 @@ pub struct RenderOptions {
     pub seed: u32,
     /// Threads; 0 takes all.
     pub threads: usize,
-    /// Bytes that Embree and the film may take.
-    pub memory_budget: Option<usize>,
+    /// What the whole program may have in memory.
+    pub memory_budget: Budget,
     /// How the scene is read.
     pub load: LoadOptions,
     /// Whether the lens may blur.
@@ -98,7 +99,6 @@ pub fn render(
         resolution,
         device,
         pool,
-        film_bytes,
     } = staged;
     if output.from_scene
         && let Some(name) = &description.settings.product_name
@@ -109,14 +109,33 @@ pub fn render(
     stats.scene_hash = hash(&description)?;
     let settings = &description.settings;
 
-    let built = building(&pool, progress, &mut stats, interrupt, |go_on| {
-        let build = &options.build;
-        match &options.built {
+    let (origin, size) = window(settings.data_window, resolution);
+    let budget = &options.memory_budget;
+    // It is there before anything is built, so that whoever asks what is left need not know of it.
+    let film_bytes = Film::bytes(size);
+    let of_picture = film_bytes + output.bytes(size);
+    budget.ask(
+        of_picture as u64,
+        "the film and the picture that is written",
+    )?;
+    let mut film = Film::new(origin, size);
+    let build = &BuildOptions {
+        held_beside: of_picture,
+        ..options.build.clone()
+    };
+    let built = building(
+        &pool,
+        progress,
+        &mut stats,
+        interrupt,
+        |go_on| match &options.built {
             Some(store) => World::stored(&description, &camera, &device, build, store, go_on),
             None => World::build(&description, &camera, &device, build, go_on),
-        }
-    })?;
+        },
+    )?;
     let (world, cache) = (built.world, built.cache);
+    tell_choice(build.method, &built.objects);
+    stats.objects = built.objects;
     stats.achieved_error = built.error;
     stats.bytes = Bytes {
         control_meshes: description.shapes.iter().map(|s| s.geometry.memory()).sum(),
@@ -133,8 +152,6 @@ pub fn render(
     stats.warnings = warnings.iter().cloned().collect();
 
     // Render: whole passes over the picture, so that what an interruption leaves is a whole picture.
-    let (origin, size) = window(settings.data_window, resolution);
-    let mut film = Film::new(origin, size);
     let job = Job {
         world: &world,
         camera: &camera,
@@ -167,12 +184,14 @@ pub fn render(
 
     world.check_textures()?;
 
-    // Write.
+    // Write. The world makes room for what is written.
+    drop(world);
     stats.resolution = size;
     stats.samples_per_pixel = film.samples();
     stats.threads = pool.current_num_threads();
     stats.rays = counters.rays();
     stats.cache = cache.as_deref().map(cache_use);
+    drop(cache);
     stats.non_finite_samples = counters.non_finite.load(Ordering::Relaxed);
     let (rays, seconds) = (stats.rays.total() as f64, stats.seconds("render"));
     stats.mrays_per_second = rays / 1e6 / seconds.max(1e-9);
@@ -189,6 +208,7 @@ pub fn render(
     stats.stages.push(Stage::ended("write", start));
     progress.finish();
     written?;
+    stats.peak_resident_bytes = peak_resident().map(|bytes| bytes as u64);
     if let Some(path) = &output.stats {
         stats.write(path)?;
     }
@@ -204,7 +224,6 @@ struct Staged {
     resolution: [u32; 2],
     device: Device,
     pool: rayon::ThreadPool,
-    film_bytes: usize,
 }
 
 /// Loads the scene, and prepares camera, threads and Embree.
@@ -244,19 +263,10 @@ fn stage(
         .num_threads(options.threads)
         .build()
         .map_err(|e| Error::failed(format!("cannot start {} threads: {e}", options.threads)))?;
-    let film_bytes = Film::bytes(resolution);
-    let for_embree = options
-        .memory_budget
-        .map(|budget| budget.saturating_sub(film_bytes));
-    if for_embree == Some(0) {
-        return Err(Error::Memory {
-            message: format!("the film alone takes {film_bytes} bytes"),
-            help: Some("raise --memory-budget or lower --res".into()),
-        });
-    }
+    options.memory_budget.ask(0, "program and scene")?;
     let device = Device::new(&DeviceOptions {
         threads: pool.current_num_threads(),
-        memory_budget: for_embree,
+        memory_budget: options.memory_budget.clone(),
         ..DeviceOptions::default()
     })?;
     Ok(Staged {
@@ -265,8 +275,34 @@ fn stage(
         resolution,
         device,
         pool,
-        film_bytes,
     })
+}
+
+/// Says by which methods objects are traced, if they were chosen.
+fn tell_choice(choice: Choice, objects: &[ObjectStats]) {
+    if choice != Choice::Auto {
+        return;
+    }
+    let mut names: Vec<&str> = objects.iter().map(|object| object.method).collect();
+    names.sort_unstable();
+    names.dedup();
+    for name in names {
+        let by = || objects.iter().filter(|object| object.method == name);
+        let triangles: u64 = by().filter_map(|object| object.micro_triangles).sum();
+        let bytes: u64 = by().map(|object| object.expected_bytes).sum();
+        let which: Vec<&str> = by().take(3).map(|object| object.path.as_str()).collect();
+        let more = if by().count() > which.len() {
+            ", ..."
+        } else {
+            ""
+        };
+        tracing::info!(
+            "auto: {name} for {} objects ({}{more}), {triangles} micro-triangles, about {}",
+            by().count(),
+            which.join(", "),
+            amount(bytes as f64)
+        );
+    }
 }
 
 /// The stage `build` on the pool's threads. `build` is handed what it is to tell how far it is, and whether to go on.

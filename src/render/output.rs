@@ -111,6 +111,16 @@ impl Output {
         Ok(())
     }
 
+    /// Bytes that writing it takes, at most: all planes as floats, twice, as libraries convert them.
+    pub(super) fn bytes(&self, [width, height]: [u32; 2]) -> usize {
+        let of_png = 24;
+        let planes = std::iter::once(&Aov::Beauty).chain(&self.aovs);
+        let of_exr: usize = planes
+            .map(|plane| 8 * channels(*plane, ChannelFormat::Float).len())
+            .sum();
+        width as usize * height as usize * of_exr.max(of_png)
+    }
+
     pub(super) fn write(&self, film: &Film, record: &Record<'_>) -> Result<()> {
         if ending(&self.picture) == "exr" {
             write_exr(&self.picture, &self.exr(film, record))?;

@@ -95,6 +95,11 @@ impl Store {
         &self.path
     }
 
+    /// Bytes of the file, all of which may come to lie in memory.
+    pub fn size(&self) -> u64 {
+        self.file.bytes().len() as u64
+    }
+
     /// The scene that it was built from.
     pub fn scene(&self) -> PathBuf {
         match self.path.parent() {

@@ -9,14 +9,16 @@ use std::sync::{Arc, Mutex};
 use embree4_sys as sys;
 
 use crate::error::{Error, Result};
+use crate::memory::{Budget, amount};
 
 /// How to make a [`Device`].
 #[derive(Debug, Clone, Default)]
 pub struct DeviceOptions {
     /// Threads that build scenes; 0 for one per processor.
     pub threads: usize,
-    /// Bytes that Embree may hold at once; a build that needs more ends with [`Error::Memory`].
-    pub memory_budget: Option<usize>,
+    /// What the whole program may have in memory. Embree gets what is left of it: a build that needs more ends with
+    /// [`Error::Memory`].
+    pub memory_budget: Budget,
     /// Further settings in Embree's own words: `isa=avx2,hugepages=1`.
     pub config: String,
 }
@@ -34,7 +36,9 @@ struct Inner {
 struct Monitor {
     current: AtomicIsize,
     peak: AtomicIsize,
-    budget: isize,
+    /// What Embree may hold, as it was [settled](Device::settle) last.
+    allowed: AtomicIsize,
+    budget: Budget,
     message: Mutex<String>,
 }
 
@@ -65,9 +69,8 @@ impl Device {
         let monitor = Box::new(Monitor {
             current: AtomicIsize::new(0),
             peak: AtomicIsize::new(0),
-            budget: options.memory_budget.map_or(isize::MAX, |bytes| {
-                isize::try_from(bytes).unwrap_or(isize::MAX)
-            }),
+            allowed: AtomicIsize::new(isize::MAX),
+            budget: options.memory_budget.clone(),
             message: Mutex::default(),
         });
         let user: *const Monitor = &raw const *monitor;
@@ -86,12 +89,22 @@ impl Device {
         usize::try_from(bytes).unwrap_or(0)
     }
 
-    /// The most bytes that it may hold, if there is a limit.
-    pub fn memory_budget(&self) -> Option<usize> {
-        let budget = self.0.monitor.budget;
-        (budget != isize::MAX)
-            .then(|| usize::try_from(budget).ok())
-            .flatten()
+    /// What the whole program may have in memory.
+    pub fn memory_budget(&self) -> &Budget {
+        &self.0.monitor.budget
+    }
+
+    /// Measures how much Embree may take from now on. What it holds now must have been written to: until the next time
+    /// all that is taken should be Embree's.
+    pub(super) fn settle(&self) {
+        let monitor = &self.0.monitor;
+        if let Some(left) = monitor.budget.left() {
+            let left = isize::try_from(left).unwrap_or(isize::MAX);
+            let held = monitor.current.load(Ordering::Relaxed);
+            monitor
+                .allowed
+                .store(held.saturating_add(left), Ordering::Relaxed);
+        }
     }
 
     /// The most bytes that Embree held at once.
@@ -136,18 +149,19 @@ impl Device {
         Err(match code {
             sys::RTC_ERROR_CANCELLED => Error::Interrupted,
             sys::RTC_ERROR_OUT_OF_MEMORY => {
-                let budget = self.0.monitor.budget;
+                let budget = &self.0.monitor.budget;
+                let held = amount(self.memory() as f64);
                 Error::Memory {
-                    message: if budget == isize::MAX {
-                        "Embree found no more memory".to_owned()
-                    } else {
-                        format!(
-                            "Embree needs more than the {budget} bytes that it was given (it held {})",
-                            self.peak_memory()
-                        )
+                    message: match budget.limit() {
+                        None => format!("Embree found no more memory (it holds {held})"),
+                        Some(limit) => format!(
+                            "Embree needs more than what is left of the memory budget of {} (it holds {held})",
+                            amount(limit as f64)
+                        ),
                     },
                     help: Some(
-                        "raise --memory-budget, or dice more coarsely: --dicing-rate".to_owned(),
+                        "raise --memory-budget, dice more coarsely (--dicing-rate), or choose --method auto"
+                            .to_owned(),
                     ),
                 }
             }
@@ -180,7 +194,10 @@ unsafe extern "C" fn on_memory(user: *mut c_void, bytes: isize, _post: bool) -> 
     // SAFETY: as for `on_error`.
     let monitor = unsafe { &*user.cast::<Monitor>() };
     let now = monitor.current.fetch_add(bytes, Ordering::Relaxed) + bytes;
-    if bytes > 0 && now > monitor.budget {
+    let refused = |bytes: isize| {
+        bytes > 0 && (now > monitor.allowed.load(Ordering::Relaxed) || !monitor.budget.grants())
+    };
+    if refused(bytes) {
         // Refused, so it never exists.
         monitor.current.fetch_sub(bytes, Ordering::Relaxed);
         return false;

@@ -282,6 +282,7 @@ unsafe impl Sync for Handle {}
 
 impl Handle {
     pub(super) fn new(device: &Device, kind: sys::RTCGeometryType) -> Result<Self> {
+        device.settle();
         // SAFETY: the device is alive.
         let raw = unsafe { sys::rtcNewGeometry(device.handle(), kind) };
         device.check()?;
@@ -326,6 +327,7 @@ impl Handle {
         } else {
             0
         };
+        self.device.settle();
         // SAFETY: the geometry is alive; format and stride agree (4 bytes a component).
         let to = unsafe {
             sys::rtcSetNewGeometryBuffer(
@@ -362,6 +364,7 @@ impl Handle {
     }
 
     pub(super) fn commit(&self) -> Result<()> {
+        self.device.settle();
         // SAFETY: the geometry is alive and not yet in a scene.
         unsafe { sys::rtcCommitGeometry(self.raw) };
         self.device.check()

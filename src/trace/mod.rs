@@ -24,6 +24,7 @@ pub use device::{Device, DeviceOptions};
 pub use diced::{diced_grid_uv, diced_triangle_uv};
 pub use filter::Filter;
 pub use geometry::{Geometry, Grid, SurfacePoint};
+pub(crate) use panics::caught;
 pub use scene::{Scene, SceneBuilder, SceneHit, SceneOptions};
 pub use subdivision::{
     Displacement, DisplacementPoint, Rates, SubdivisionOptions, face_uv, sub_face_of,

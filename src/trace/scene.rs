@@ -65,6 +65,7 @@ impl SceneBuilder {
     /// # Errors
     /// If memory runs out.
     pub fn new(device: &Device, options: SceneOptions) -> Result<Self> {
+        device.settle();
         // SAFETY: the device is alive.
         let raw = unsafe { sys::rtcNewScene(device.handle()) };
         device.check()?;
@@ -163,6 +164,7 @@ impl SceneBuilder {
             panics: PanicSlot::default(),
         };
         let pointer: *const Progress<'_> = &raw const monitor;
+        scene.device.settle();
         // SAFETY: the scene is alive; the monitor outlives the commit, after which Embree forgets it.
         unsafe {
             sys::rtcSetSceneProgressMonitorFunction(

@@ -4,24 +4,27 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use super::displacement::Heights;
-use super::geometry::{Displaced, Maker, Wanted};
-use super::method::Method;
+use super::geometry::Maker;
+use super::method::{Choice, Method};
+use super::plan::{expected, plan};
+use super::prepare::{Form, Prepared, Preparer};
 use super::shape::Shape;
 use super::stand::Stand;
 use super::stored::Source;
 use super::textures::Textures;
 use super::worn::{Wardrobe, Wearer};
-use super::{Entry, Placed, World, patch};
+use super::{Entry, Placed, World};
 use crate::accel::{Cache, CacheSize, Intersector, MaxError};
 use crate::error::{Error, Fault, Result, Warnings};
 use crate::image::{PtexFilter, Texture};
 use crate::math::{Affine3A, Bounds3, DAffine3, Vec3, Vec4};
+use crate::memory::resident;
 use crate::mesh::ControlMesh;
 use crate::scene::{self, Description};
 use crate::shade::camera::Camera;
 use crate::shade::light::{Lights, Radiance};
 use crate::shade::material::Material;
-use crate::stats::AchievedError;
+use crate::stats::{AchievedError, ObjectStats};
 use crate::store::{Store, Writer};
 use crate::surface::Dicing;
 use crate::trace::{Device, Geometry, Scene, SceneBuilder};
@@ -30,19 +33,22 @@ use crate::trace::{Device, Geometry, Scene, SceneBuilder};
 #[derive(Debug, Clone, Default)]
 pub struct BuildOptions {
     /// How surfaces are traced.
-    pub method: Method,
+    pub method: Choice,
     /// How finely they are diced.
     pub dicing: Dicing,
     /// The farthest that a method which compresses may move a micro-vertex.
     pub max_error: MaxError,
-    /// Bytes of the cache, for the method that has one.
-    pub cache_size: CacheSize,
+    /// Bytes of the cache, for the method that has one. None for the usual size, but no more than an eighth of the memory
+    /// budget; where methods are chosen, for what is left.
+    pub cache_size: Option<CacheSize>,
     /// Everything Lambert with this albedo; displacement stays.
     pub clay: Option<f32>,
     /// Textures that cannot be read become this colour instead of an error.
     pub missing_textures: Option<Vec4>,
     /// How Ptex files are looked up, whatever the scene says; displacement always is consistently.
     pub ptex_filter: Option<PtexFilter>,
+    /// Bytes that the program holds beside the world: a film. They count where methods are chosen.
+    pub held_beside: usize,
     /// Radiance of the dome that lights a scene without lights.
     pub default_dome: f32,
 }
@@ -59,6 +65,10 @@ pub struct Built {
     pub error: Option<AchievedError>,
     /// What is diced while rays are traced, by the method that does so.
     pub cache: Option<Arc<Cache>>,
+    /// How each object is traced, and what it was expected to take.
+    pub objects: Vec<ObjectStats>,
+    /// Bytes of texels that Ptex files may hold beside those that they hold now.
+    pub ptex_room: usize,
     /// What was noticed.
     pub warnings: Warnings,
 }
@@ -125,36 +135,59 @@ impl World {
         source: Source<'_>,
         go_on: &(dyn Fn(f64) -> bool + Sync),
     ) -> Result<Built> {
+        let is_stored = matches!(options.method, Choice::One(method) if method.is_stored());
         assert!(
-            matches!(source, Source::Built) || options.method.is_stored(),
+            matches!(source, Source::Built) || is_stored,
             "{} is not stored",
             options.method.name()
         );
+        let budget = device.memory_budget();
         let mut warnings = Warnings::default();
-        let textures = Textures::load(description, options, &mut warnings)?;
+        let textures = Textures::load(description, options, budget, &mut warnings)?;
         let (materials, unbound) = textures.materials(description, options);
         let mut wardrobe = Wardrobe::new(materials.clone());
-
-        let has_cache = options.method == Method::Cache;
-        let cache = options.method.cache(options.cache_size);
-        let mut maker = Maker {
-            device,
+        let mut preparer = Preparer {
+            description,
             camera,
             options,
-            source,
-            go_on: &|done| go_on(0.5 * done),
-            share: [0.0; 2],
+            textures: &textures,
+            materials: &materials,
+            unbound,
             heights: Heights::new(&textures),
+        };
+        let prepared = preparer.all(&source, &mut warnings, &|| go_on_or_stop(go_on, 0.0))?;
+        drop(preparer);
+        budget.promise(textures.room());
+        if let Source::Stored(store) = &source {
+            budget.ask(store.size(), "the hierarchies that were built")?;
+        }
+        let known = options.held_beside as u64 + known(description, &prepared, &textures);
+        let plan = plan(&prepared, options, budget, known)?;
+        let before = resident();
+        let cache = Method::Cache.cache(plan.cache.unwrap_or(CacheSize(0)));
+        let written = resident().unwrap_or(0).saturating_sub(before.unwrap_or(0));
+        let has_cache = plan.cache.is_some();
+        let cache_bytes = if has_cache { cache.bytes() } else { 0 };
+        // What fills while rays are traced.
+        let unwritten = cache_bytes.saturating_sub(written);
+        let promise = || budget.promise(textures.room() + unwritten);
+        promise();
+        let objects: Vec<ObjectStats> = (prepared.iter().zip(&plan.methods))
+            .map(|(prepared, &method)| object_stats(prepared, method))
+            .collect();
+        let mut maker = Maker {
+            device,
+            options,
+            source,
+            go_on: &|done| {
+                promise();
+                go_on(0.5 * done)
+            },
+            share: [0.0; 2],
             cache: &cache,
-            bytes: if has_cache { cache.bytes() } else { 0 },
+            bytes: cache_bytes,
             error: None,
         };
-
-        // Where each shape stands, and whether it can be built in world space right away.
-        let mut places: Vec<Vec<u32>> = vec![Vec::new(); description.shapes.len()];
-        for (i, placement) in description.placements.iter().enumerate() {
-            places[placement.shape].push(i as u32);
-        }
 
         let scene_options = options.method.scene_options();
         let mut builder = SceneBuilder::new(device, scene_options)?;
@@ -164,7 +197,8 @@ impl World {
             (0..description.placements.len()).map(|_| None).collect();
         let mut bounds = Bounds3::EMPTY;
         let mut transparent = false;
-        for (number, (shape, places)) in description.shapes.iter().zip(&places).enumerate() {
+        let shapes_and_methods = description.shapes.iter().zip(prepared).zip(plan.methods);
+        for (number, ((shape, prepared), method)) in shapes_and_methods.enumerate() {
             maker.share = [number, number + 1].map(|n| n as f64 / description.shapes.len() as f64);
             go_on_or_stop(go_on, 0.5 * maker.share[0])?;
             let keys = |place: u32| -> Vec<Affine3A> {
@@ -174,56 +208,19 @@ impl World {
                     .map(single)
                     .collect()
             };
-            for &place in places {
+            let (places, in_world) = (prepared.places.clone(), prepared.in_world);
+            for &place in &places {
                 for key in keys(place) {
                     bounds = bounds.union(shape.geometry.bounds().transformed(&key));
                 }
             }
-            for material in covering(shape, places, description).flatten() {
-                let material = &description.materials[material];
-                textures
-                    .check_faces(&shape.geometry, material, options)
-                    .map_err(|fault| name_shape(fault.into(), description, shape))?;
-            }
-            let needs = needed_primvars(shape, places, description, &materials, unbound)
-                .map_err(|fault| name_shape(fault.into(), description, shape))?;
-            let displaced = displacement_of(shape, places, description, &materials);
-            let whole: Vec<Affine3A> = places.iter().flat_map(|&p| keys(p)).collect();
-            let in_world = (places.len() == 1 && displaced.is_none())
-                .then(|| keys(places[0]))
-                .filter(|keys| keys.len() == 1)
-                .map(|keys| keys[0]);
-            let stands: Vec<Affine3A> = match in_world {
-                Some(_) => vec![Affine3A::IDENTITY],
-                None => whole,
-            };
-            let wanted = Wanted {
-                needs: &needs,
-                displaced: displaced.map(|m| Displaced {
-                    height: &description.materials[m].surface.displacement,
-                    material: &materials[m],
-                }),
-                places: &stands,
-                path: &shape.path,
-            };
-            let made = match (&shape.geometry, &in_world) {
-                (scene::Geometry::Mesh(mesh), None) => maker.mesh(mesh, &wanted, &mut warnings),
-                (scene::Geometry::Mesh(mesh), Some(world_from_object)) => {
-                    let mesh = Arc::new(in_space(mesh, world_from_object));
-                    maker.mesh(&mesh, &wanted, &mut warnings)
-                }
-                (scene::Geometry::Nurbs(patch), None) => maker.patch(patch, &wanted, &mut warnings),
-                (scene::Geometry::Nurbs(patch), Some(world_from_object)) => {
-                    let patch = patch::in_space(patch, world_from_object);
-                    maker.patch(&patch, &wanted, &mut warnings)
-                }
-            };
+            let made = maker.make(prepared, method, &mut warnings);
             let (geometry, surface) = made.map_err(|e| name_shape(e, description, shape))?;
             let mut wearer = Wearer::new(
                 &mut wardrobe,
                 &shape.geometry,
                 &surface,
-                places,
+                &places,
                 description,
             );
             let worn = wearer.by_face(&shape.materials);
@@ -247,7 +244,7 @@ impl World {
                 let mut own = SceneBuilder::new(device, scene_options)?;
                 own.attach(geometry);
                 let own = Arc::new(own.commit(&|_| go_on(0.5 * maker.share[1]))?);
-                for &place in places {
+                for place in places {
                     let id = builder.instance(own.clone(), &keys(place))?;
                     entries.insert(id, Entry::Placed(place));
                     placed[place as usize] = Some(place_of(place, Stand::new(keys(place))));
@@ -306,8 +303,32 @@ impl World {
             surface_bytes: maker.bytes,
             error: maker.error,
             cache: has_cache.then_some(cache),
+            objects,
+            ptex_room: textures.room(),
             warnings,
         })
+    }
+}
+
+/// Bytes of all that is there beside the shapes' hierarchies, as far as they are known.
+fn known(description: &Description, prepared: &[Prepared<'_>], textures: &Textures) -> u64 {
+    // What it was read from, too.
+    let meshes = |shape: &scene::Shape| 2 * shape.geometry.memory();
+    let meshes: usize = description.shapes.iter().map(meshes).sum();
+    let surfaces: usize = prepared.iter().map(Prepared::memory).sum();
+    (meshes + surfaces + textures.memory() + textures.room()) as u64
+}
+
+fn object_stats(prepared: &Prepared<'_>, method: Method) -> ObjectStats {
+    let (micro_triangles, need) = expected(prepared, method);
+    ObjectStats {
+        path: prepared.wanted.path.to_owned(),
+        method: match prepared.form {
+            Form::Polygons(_) => "polygons",
+            Form::Smooth(_) => method.name(),
+        },
+        micro_triangles,
+        expected_bytes: need.held,
     }
 }
 
@@ -333,7 +354,7 @@ pub(super) fn name_shape(error: Error, description: &Description, shape: &scene:
 }
 
 /// The materials that may cover a shape, in any of its places.
-fn covering<'a>(
+pub(super) fn covering<'a>(
     shape: &'a scene::Shape,
     places: &'a [u32],
     description: &'a Description,
@@ -351,7 +372,7 @@ fn covering<'a>(
 ///
 /// # Errors
 /// One that it should have had: the file gives it, but not for this mesh.
-fn needed_primvars(
+pub(super) fn needed_primvars(
     shape: &scene::Shape,
     places: &[u32],
     description: &Description,
@@ -400,7 +421,7 @@ pub(super) fn displacement_of(
         .find(|&m| materials[m].is_displaced())
 }
 
-fn in_space(mesh: &ControlMesh, world_from_object: &Affine3A) -> ControlMesh {
+pub(super) fn in_space(mesh: &ControlMesh, world_from_object: &Affine3A) -> ControlMesh {
     let mut mesh = mesh.clone();
     for point in mesh.points.iter_mut().flatten() {
         *point = world_from_object.transform_point3(*point);

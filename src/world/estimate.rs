@@ -1,42 +1,152 @@
-//! What a scene will take, before it is built.
+//! What a surface will take, told before it is diced.
+//!
+//! How many micro-triangles there will be is known exactly: it follows from the rates, which are measured on the
+//! displaced surface. Bytes follow from them by what methods keep of each face, block and micro-triangle. Embree's are
+//! as its memory monitor counts them on `scenes/creature` and `scenes/relief`; ours are those of the structures, with the
+//! bits that a vertex takes at most. So they are rather too large: by a tenth for Embree's, and up to twice for ours.
 
-use std::sync::Arc;
+use super::method::Method;
+use crate::surface::{Rates, Surface};
 
-use super::build::single;
-use crate::math::{Affine3A, Bounds3};
-use crate::mesh::Scheme;
-use crate::scene::{Description, Geometry};
-use crate::shade::camera::Camera;
-use crate::surface::{Base, Dicing, Displacement, Patch, Places, Rates, Subdivision, Surface};
+/// What a surface is diced into.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Triangles.
+    pub micro_triangles: u64,
+    /// Vertices, those on edges counted by each face.
+    micro_vertices: u64,
+    /// Those within edges, counted once.
+    on_edges: u64,
+    faces: u64,
+    keys: u64,
+    /// Parts of faces of so many quads along each side.
+    of_2: u64,
+    of_7: u64,
+    of_9: u64,
+    of_28: u64,
+    of_40: u64,
+}
 
-/// Triangles that the scene is diced into as seen by `camera`, displacement left out: it makes them more. Instances
-/// share theirs.
-pub fn micro_triangles(description: &Description, camera: &Camera, dicing: &Dicing) -> u64 {
-    let mut places: Vec<Vec<Affine3A>> = vec![Vec::new(); description.shapes.len()];
-    for placement in &description.placements {
-        places[placement.shape].extend(placement.world_from_object.iter().map(single));
+/// Bytes that a method takes of a surface.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Need {
+    /// In the end.
+    pub held: u64,
+    /// As much more while it is diced.
+    pub dicing: u64,
+    /// As much more while Embree builds the scene that it is in.
+    pub commit: u64,
+}
+
+impl Need {
+    /// The most at once, of this surface alone.
+    pub fn peak(&self) -> u64 {
+        self.held + self.dicing.max(self.commit)
     }
-    let shapes = description.shapes.iter().zip(&places);
-    shapes
-        .map(|(shape, places)| {
-            let (base, bounds): (Arc<dyn Base>, _) = match &shape.geometry {
-                Geometry::Nurbs(patch) => match Patch::new(patch, &[], None) {
-                    Ok(base) => (Arc::new(base), patch.bounds()),
-                    // What is wrong with it is told when it is built.
-                    Err(_) => return 0,
-                },
-                Geometry::Mesh(mesh) if mesh.scheme == Scheme::None => {
-                    let corners = mesh.face_vertex_counts.iter();
-                    return corners.map(|&n| u64::from(n.saturating_sub(2))).sum();
-                }
-                Geometry::Mesh(mesh) => {
-                    let base = Subdivision::new(mesh, None);
-                    (Arc::new(base), Bounds3::of(mesh.used_points()))
-                }
-            };
-            let surface = Surface::new(base, Displacement::None);
-            let places = Places::nearest(camera, &bounds, places);
-            Rates::on_screen(&surface, &places, dicing).micro_triangles()
-        })
-        .sum()
+}
+
+impl Counts {
+    /// What these rates make of a surface.
+    pub fn new(surface: &Surface, rates: &Rates) -> Self {
+        let base = surface.base();
+        let mut counts = Self {
+            keys: base.keys().into(),
+            ..Self::default()
+        };
+        for face in (0..base.faces()).filter(|&face| !base.is_hole(face)) {
+            let [u, v] = rates.face(face).map(u64::from);
+            let parts = |of: u64| u.div_ceil(of) * v.div_ceil(of);
+            counts.micro_triangles += 2 * u * v;
+            counts.micro_vertices += (u + 1) * (v + 1);
+            counts.on_edges += u + v;
+            counts.faces += 1;
+            counts.of_2 += parts(2);
+            counts.of_7 += parts(7);
+            counts.of_9 += parts(9);
+            counts.of_28 += parts(28);
+            counts.of_40 += parts(40);
+        }
+        counts
+    }
+}
+
+#[cfg(test)]
+impl Counts {
+    /// Of faces of 32 x 32 quads.
+    pub(super) fn of_quads(quads: u64) -> Self {
+        let faces = quads.div_ceil(1024);
+        let parts = |of: u64| faces * 32_u64.div_ceil(of).pow(2);
+        Self {
+            micro_triangles: 2 * quads,
+            micro_vertices: faces * 33 * 33,
+            on_edges: faces * 64,
+            faces,
+            keys: 1,
+            of_2: parts(2),
+            of_7: parts(7),
+            of_9: parts(9),
+            of_28: parts(28),
+            of_40: parts(40),
+        }
+    }
+}
+
+impl Method {
+    /// What it takes of a surface, at most: a surface that moves takes as much at each motion key. The cache that all
+    /// surfaces share is not counted.
+    pub fn need(self, counts: &Counts) -> Need {
+        let Counts { keys, faces, .. } = *counts;
+        let triangles = counts.micro_triangles;
+        let points = 12 * counts.micro_vertices * keys;
+        let shared = 12 * (counts.on_edges + faces) * keys;
+        // Numbers of faces, their sizes, and where their vertices are, as hits tell of them.
+        let grids = 48 * faces;
+        match self {
+            // Embree has copies of the points and of indices, 12 bytes a triangle, beside its tree.
+            Self::EmbreeTriangles => Need {
+                held: points + grids + (12 + 68 * keys) * triangles,
+                dicing: 2 * points + shared + 12 * triangles,
+                commit: 28 * keys * triangles,
+            },
+            // A leaf is a grid of 2 x 2 quads.
+            Self::EmbreeGrid | Self::EmbreeGridCompact => Need {
+                held: points + 2 * grids + 72 * keys * counts.of_2,
+                dicing: 2 * points + shared,
+                commit: 34 * keys * counts.of_2,
+            },
+            Self::EmbreeSubdivision => Need {
+                held: 400 * faces + 26 * keys * triangles,
+                dicing: 0,
+                commit: 200 * faces + 4 * keys * triangles,
+            },
+            Self::Tessellated => Need {
+                held: points + grids + 26 * keys * triangles,
+                dicing: shared + 24 * triangles,
+                commit: 0,
+            },
+            // A block of 7 x 7 quads has a head of 24 bytes and up to 16 bits a vertex; a patch of 16 of them a node of
+            // 128 bytes, and some 60 in the tree above. Nodes exist twice for a moment.
+            Self::Compact => Need {
+                held: keys * (152 * counts.of_7 + 190 * counts.of_28) + 32 * faces,
+                dicing: shared + keys * (60 * counts.of_7 + 220 * counts.of_28) + grids,
+                commit: 0,
+            },
+            Self::Compressed => Need {
+                held: keys * (96 * counts.of_9 + 180 * counts.of_40) + 32 * faces,
+                dicing: shared + keys * (40 * counts.of_9 + 220 * counts.of_40) + grids,
+                commit: 0,
+            },
+            // Where the surface is strongly curved, quads of a few micro-quads with corners, borders and a patch each.
+            Self::Dbvh => Need {
+                held: 8 * keys * triangles + 64 * faces,
+                dicing: 4 * keys * triangles + grids,
+                commit: 0,
+            },
+            Self::Cache => Need {
+                held: 12 * faces * keys + 40 * keys * counts.of_28 + 32 * faces,
+                dicing: keys * 100 * counts.of_28 + grids,
+                commit: 0,
+            },
+        }
+    }
 }

@@ -11,7 +11,9 @@ use crate::math::Vec2;
 use crate::stats::AchievedError;
 use crate::store::Sections;
 use crate::surface::{Diced, Grids, Rates, Surface};
-use crate::trace::{Device, Geometry, SceneHit, SceneOptions, diced_grid_uv, diced_triangle_uv};
+use crate::trace::{
+    Device, Geometry, SceneHit, SceneOptions, caught, diced_grid_uv, diced_triangle_uv,
+};
 
 /// A way of tracing a surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -35,6 +37,55 @@ pub enum Method {
     Cache,
     /// Micro-triangles that are computed where rays pass, of a surface as few quads and an image.
     Dbvh,
+}
+
+/// How the surfaces of a scene are traced.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Choice {
+    /// All of them by one method.
+    One(Method),
+    /// Each by the first of Embree's triangles, `compact` and `cache` that fits into memory together with all others.
+    Auto,
+}
+
+impl Choice {
+    /// Its name on the command line and in reports: the method's, or `auto`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::One(method) => method.name(),
+            Self::Auto => "auto",
+        }
+    }
+
+    /// What it is, in a line.
+    pub fn about(self) -> &'static str {
+        match self {
+            Self::One(method) => method.about(),
+            Self::Auto => {
+                "each object by the first of embree-triangles, compact and cache that fits into memory"
+            }
+        }
+    }
+
+    /// How Embree is to build the scenes that its geometries are in.
+    pub fn scene_options(self) -> SceneOptions {
+        match self {
+            Self::One(method) => method.scene_options(),
+            Self::Auto => Method::EmbreeTriangles.scene_options(),
+        }
+    }
+}
+
+impl Default for Choice {
+    fn default() -> Self {
+        Self::One(Method::default())
+    }
+}
+
+impl From<Method> for Choice {
+    fn from(method: Method) -> Self {
+        Self::One(method)
+    }
 }
 
 /// A surface built for a method.
@@ -135,21 +186,6 @@ impl Method {
         }
     }
 
-    /// Bytes that a micro-triangle takes at most while its object is built, trees and all, at each motion key: what
-    /// `--stats` shows for `scenes/creature` as Embree's peak, and our own vertices beside it.
-    pub fn bytes_per_micro_triangle(self) -> u64 {
-        match self {
-            Self::EmbreeSubdivision => 22,
-            Self::EmbreeTriangles => 135,
-            Self::EmbreeGrid | Self::EmbreeGridCompact => 32,
-            Self::Tessellated => 50,
-            Self::Compact => 3,
-            Self::Compressed => 2,
-            Self::Cache => 1,
-            Self::Dbvh => 8,
-        }
-    }
-
     /// The cache for all surfaces of a scene: of this size for the method that has one.
     pub fn cache(self, size: CacheSize) -> Arc<Cache> {
         Arc::new(Cache::new(if self == Self::Cache { size.0 } else { 0 }))
@@ -209,8 +245,20 @@ impl Method {
     ///
     /// # Errors
     /// If there are more micro-triangles than the method can number, or memory runs out; if it is ended; if an error in
-    /// pixels is asked for, and the rates know of none.
+    /// pixels is asked for, and the rates know of none; if the displacement panics.
     pub fn build(
+        self,
+        surface: &Arc<Surface>,
+        rates: &Rates,
+        device: &Device,
+        how: How<'_>,
+    ) -> Result<TracedSurface> {
+        caught("a surface was built", || {
+            self.built(surface, rates, device, how)
+        })
+    }
+
+    fn built(
         self,
         surface: &Arc<Surface>,
         rates: &Rates,

@@ -3,11 +3,14 @@
 mod build;
 mod displacement;
 mod estimate;
+mod foresee;
 mod geometry;
 mod interaction;
 mod method;
 mod objects;
 mod patch;
+mod plan;
+mod prepare;
 #[cfg(test)]
 mod ptex_tests;
 mod shape;
@@ -18,9 +21,10 @@ mod worn;
 
 pub use build::{BuildOptions, Built};
 pub use displacement::of_embree;
-pub use estimate::micro_triangles;
+pub use estimate::{Counts, Need};
+pub use foresee::{Foreseen, ObjectForeseen, chosen, foresee};
 pub use interaction::Interaction;
-pub use method::{HitPlaces, How, Method, TracedSurface};
+pub use method::{Choice, HitPlaces, How, Method, TracedSurface};
 pub use objects::{Object, objects};
 
 pub use crate::accel::{Cache, CacheSize, MaxError, cache_use};

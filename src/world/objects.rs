@@ -7,6 +7,7 @@ use super::displacement::{Heights, by_callback, coordinates};
 use super::textures::Textures;
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Vec3};
+use crate::memory::Budget;
 use crate::mesh::ControlMesh;
 use crate::scene::{self, Description};
 use crate::shade::material::Material;
@@ -45,7 +46,7 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
         clay: Some(0.5),
         ..BuildOptions::default()
     };
-    let textures = Textures::load(description, &options, warnings)?;
+    let textures = Textures::load(description, &options, &Budget::default(), warnings)?;
     let (materials, _) = textures.materials(description, &options);
     let mut heights = Heights::new(&textures);
     let mut objects = Vec::new();

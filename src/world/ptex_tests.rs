@@ -11,6 +11,7 @@ use crate::accel::{CacheSize, MaxError};
 use crate::error::Warnings;
 use crate::image::PtexTexture;
 use crate::math::{Area, Ray, Vec2, Vec3};
+use crate::memory::Budget;
 use crate::mesh::{ControlMesh, ptex_face_count, ptex_faces, ptex_kind};
 use crate::scene::{Geometry, LoadOptions, load};
 use crate::surface::tests::effort;
@@ -199,7 +200,8 @@ fn a_file_is_held_once() {
     };
     let written = heights(mesh).write(folder.path().join("heights.ptx"));
     written.expect("the folder takes files");
-    let textures = Textures::load(&scene, &BuildOptions::default(), &mut Warnings::default());
+    let (options, budget) = (BuildOptions::default(), Budget::default());
+    let textures = Textures::load(&scene, &options, &budget, &mut Warnings::default());
     let textures = textures.expect("a file");
     assert_eq!(textures.files().count(), 3);
     let look = |texture: &PtexTexture| {

@@ -1,7 +1,10 @@
 //! Hierarchies that are kept in a store, and the digests of what they follow from.
 
+use std::sync::Arc;
+
 use super::build::BuildOptions;
-use super::geometry::Wanted;
+use super::method::Method;
+use super::prepare::Wanted;
 use crate::mesh::{ControlMesh, NurbsPatch, Primvar};
 use crate::scene::Input;
 use crate::shade::camera::Camera;
@@ -19,21 +22,20 @@ pub(super) enum Source<'a> {
 }
 
 /// What a surface is made of.
-#[derive(Clone, Copy)]
-pub(super) enum Cage<'a> {
-    Mesh(&'a ControlMesh),
-    Patch(&'a NurbsPatch),
+pub(super) enum Cage {
+    Mesh(Arc<ControlMesh>),
+    Patch(Arc<NurbsPatch>),
 }
 
 /// The digest of everything that a surface's hierarchy follows from, but for the images that displace it, of which
 /// `digest` knows already.
 pub(super) fn digest(
     mut digest: Digest,
-    cage: Cage<'_>,
+    cage: &Cage,
     wanted: &Wanted<'_>,
     places: &Places<'_>,
     camera: &Camera,
-    options: &BuildOptions,
+    (method, options): (Method, &BuildOptions),
 ) -> String {
     let height = wanted.displaced.map(|displaced| displaced.height);
     let read = match height {
@@ -73,7 +75,7 @@ pub(super) fn digest(
     }
     digest.text(&camera.view_key());
     let BuildOptions {
-        method,
+        method: _,
         dicing,
         max_error,
         // Of the method that is not stored.
@@ -83,6 +85,7 @@ pub(super) fn digest(
         clay: _,
         missing_textures: _,
         default_dome: _,
+        held_beside: _,
     } = options;
     digest.text(&format!("{} {dicing:?} {max_error:?}", method.name()));
     digest.finish()

@@ -10,6 +10,7 @@ use super::build::BuildOptions;
 use crate::error::{Fault, Result, Warnings};
 use crate::image::{ImageSource, PtexTexture, Texture};
 use crate::math::{Area, Vec2, Vec3};
+use crate::memory::Budget;
 use crate::mesh::{Scheme, ptex_face_count, ptex_kind};
 use crate::scene::{
     self, ColorSpace, Description, Input, PreviewSurface, PtexFilter, PtexMap, PtexOptions,
@@ -17,7 +18,7 @@ use crate::scene::{
 use crate::shade::material::Material;
 use crate::shade::texture_map::{FaceLookup, Lookup, Lookups};
 
-/// Bytes of Ptex texels that are held at a time.
+/// Bytes of Ptex texels that are held at a time, where memory has no budget; of a budget a quarter at most.
 const PTEX_CACHE: usize = 1 << 30;
 
 /// What materials and lights look things up in.
@@ -35,14 +36,29 @@ impl Textures {
     /// Reads images whole, and opens Ptex files, each of them once.
     ///
     /// # Errors
-    /// What cannot be read, unless the options have a colour instead.
+    /// What cannot be read, unless the options have a colour instead; images that the budget has no room for.
     pub(super) fn load(
         description: &Description,
         options: &BuildOptions,
+        budget: &Budget,
         warnings: &mut Warnings,
     ) -> Result<Self> {
+        if let Some(left) = budget.left() {
+            // One after the other: what a reader holds for a header should not add up.
+            let [mut bytes, mut reading] = [0, 0];
+            for (i, texture) in description.textures.iter().enumerate() {
+                let levels = description.is_shaded_by(i);
+                let [held, more] =
+                    Texture::expected_memory(&texture.image, levels, left as u64 / 2);
+                bytes += held;
+                reading = more.max(reading);
+            }
+            let at_once = description.textures.len().min(rayon::current_num_threads());
+            budget.ask(bytes + reading * at_once as u64, "the scene's textures")?;
+        }
         let images = load_images(description, options, warnings)?;
-        let cache = Cache::new(PTEX_CACHE);
+        let quarter = budget.limit().map_or(usize::MAX, |limit| limit / 4);
+        let cache = Cache::new(PTEX_CACHE.min(quarter));
         let mut ptex = Vec::new();
         let mut heights = Vec::new();
         let mut readers: Vec<(&ImageSource, Result<Reader, Fault>)> = Vec::new();
@@ -95,6 +111,16 @@ impl Textures {
     /// Bytes held now.
     pub(super) fn memory(&self) -> usize {
         self.cache.held() + self.images.iter().map(|t| t.memory()).sum::<usize>()
+    }
+
+    /// Bytes that texels of Ptex files may come to take beside those that are held now.
+    pub(super) fn room(&self) -> usize {
+        let is_read = |texture: &Arc<PtexTexture>| texture.reader().is_some();
+        if self.files().any(is_read) {
+            self.cache.budget().saturating_sub(self.cache.held())
+        } else {
+            0
+        }
     }
 
     /// All Ptex files, as materials and as displacement read them.

@@ -9,6 +9,7 @@ use std::sync::atomic::AtomicBool;
 use relievo::image::{ColorSpace, ImageSource, Texture, Wrap};
 use relievo::integrate::PathOptions;
 use relievo::math::Vec3;
+use relievo::memory::Budget;
 use relievo::render::{Output, PixelType, Progress, ProgressStyle, RenderOptions, render};
 use relievo::scene::LoadOptions;
 use relievo::shade::filter::{Filter, FilterKind};
@@ -32,7 +33,7 @@ pub fn options(scene: &Path, picture: &Path) -> RenderOptions {
         filter: Filter::new(FilterKind::Box),
         seed: 0,
         threads: 0,
-        memory_budget: None,
+        memory_budget: Budget::default(),
         load: LoadOptions::default(),
         depth_of_field: true,
         build: BuildOptions {

@@ -13,7 +13,7 @@ use super::levels::{self, Level};
 use super::{FIRST_UDIM, LIMIT, LINEAR, Layout, SRGB, Tile};
 use crate::error::Fault;
 use crate::image::border::{self, Info, Input, Kind, Pixels, Refusal};
-use crate::image::{ColorSpace, linear_from_srgb};
+use crate::image::{ColorSpace, ImageSource, linear_from_srgb};
 
 /// How a texture is read.
 pub(super) struct How {
@@ -54,6 +54,41 @@ pub(super) fn load_packed(
         })
         .collect();
     Ok((udim, tiles?))
+}
+
+/// Bytes of all tiles at full size, by their headers; 0 for what cannot be read. A file of more than `most` bytes is not
+/// opened, since some readers read it whole then: its size counts.
+pub(super) fn expected_bytes(source: &ImageSource, most: u64) -> u64 {
+    let of = |name: &OsStr, bytes: Option<&Arc<[u8]>>| -> u64 {
+        let info = Input::open(name, bytes.cloned()).and_then(|mut input| input.info(0));
+        info.map_or(0, |info| {
+            let channels = Layout::of(&info).channels() as u64;
+            let bytes = match info.format {
+                border::Format::Byte => 1,
+                border::Format::Half => 2,
+                border::Format::Float => 4,
+            };
+            u64::from(info.width) * u64::from(info.height) * channels * bytes
+        })
+    };
+    match source {
+        ImageSource::File(path) => {
+            let of_file = |path: &Path| match path.metadata() {
+                Ok(metadata) if !metadata.is_file() => 0,
+                Ok(metadata) if metadata.len() > most => metadata.len(),
+                Ok(_) => of(path.as_os_str(), None),
+                Err(_) => 0,
+            };
+            match udim_files(path) {
+                Ok(Some(files)) => files.iter().map(|(_, file)| of_file(file)).sum(),
+                Ok(None) => of_file(path),
+                Err(_) => 0,
+            }
+        }
+        ImageSource::Packed { tiles, .. } => (tiles.iter())
+            .map(|(_, name, bytes)| of(OsStr::new(name), Some(bytes)))
+            .sum(),
+    }
 }
 
 /// The number and the file of each tile, if `path` has a `<UDIM>` in its name.

@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::accel::{Hit, Intersector};
-use crate::error::Error;
+use crate::error::{Error, Result};
 use crate::math::{Affine3A, Bounds3, Vec2};
+use crate::memory::{Budget, resident};
 use proptest::prelude::*;
 
 /// Unit spheres at z = 0 that move by `motion` over the shutter.
@@ -265,15 +266,84 @@ fn memory_is_counted_and_given_back() {
 
 #[test]
 fn a_memory_budget_is_kept() {
-    let budget = DeviceOptions {
-        memory_budget: Some(1 << 20),
+    let all = Budget::new(resident().expect("Linux tells") + (4 << 20));
+    let device = Device::new(&DeviceOptions {
+        memory_budget: all,
         ..DeviceOptions::default()
-    };
-    let device = Device::new(&budget).expect("starts");
-    let built = Geometry::subdivision(&device, arc(sheet(20)), options(64.0))
+    })
+    .expect("starts");
+    let built = Geometry::subdivision(&device, arc(sheet(40)), options(64.0))
         .and_then(|g| commit(&device, g));
     assert!(matches!(built.map(|_| ()), Err(Error::Memory { .. })));
-    assert!(device.peak_memory() <= 1 << 20);
+    assert!(device.peak_memory() <= 4 << 20);
+}
+
+/// Whichever allocation of Embree's is refused, it is an error that says so, all is given back, and the device goes on.
+#[test]
+fn any_allocation_of_embrees_may_fail() {
+    let kinds: [fn(&Device) -> Result<Geometry>; 3] = [
+        |device| Geometry::subdivision(device, arc(sheet(8)), options(8.0)),
+        |device| {
+            let (points, triangles) = strip(2000);
+            Geometry::triangles(device, triangles, Arc::new(vec![points]))
+        },
+        |device| {
+            let (points, _) = strip(64);
+            let grid = Grid {
+                start_vertex: 0,
+                stride: 2,
+                width: 2,
+                height: 64,
+            };
+            Geometry::grid(device, vec![grid], Arc::new(vec![points]))
+        },
+    ];
+    for (kind, make) in kinds.into_iter().enumerate() {
+        let mut refused = 0;
+        for time in 0.. {
+            let budget = Budget::refusing_once(usize::MAX, time);
+            let device = Device::new(&DeviceOptions {
+                memory_budget: budget.clone(),
+                threads: 1,
+                ..DeviceOptions::default()
+            })
+            .expect("starts");
+            let before = device.memory();
+            let built = make(&device).and_then(|g| commit(&device, g));
+            let was_refused = budget.asked() > time;
+            match built {
+                Ok(scene) => {
+                    let hit = scene.intersect(&down(0.5, 0.5));
+                    assert!(hit.is_some() || kind != 1, "kind {kind}, time {time}");
+                    drop(scene);
+                }
+                Err(error) => {
+                    assert_eq!(error.exit_code(), 4, "kind {kind}, time {time}: {error}");
+                    assert!(was_refused, "kind {kind}, time {time}: {error}");
+                    refused += 1;
+                }
+            }
+            assert_eq!(device.memory(), before, "kind {kind}, time {time}");
+            if !was_refused {
+                break;
+            }
+            make(&device)
+                .and_then(|g| commit(&device, g))
+                .expect("the next one is built");
+        }
+        assert!(refused > 1, "kind {kind}: {refused}");
+    }
+}
+
+/// Points in pairs along x, and the triangles between.
+fn strip(pairs: u32) -> (Vec<Vec3>, Vec<[u32; 3]>) {
+    let points = (0..pairs)
+        .flat_map(|i| [0.0, 1.0].map(|y| Vec3::new(i as f32, y, 0.0)))
+        .collect();
+    let triangles = (1..pairs)
+        .flat_map(|i| [[2 * i - 2, 2 * i, 2 * i - 1], [2 * i - 1, 2 * i, 2 * i + 1]])
+        .collect();
+    (points, triangles)
 }
 
 #[test]
