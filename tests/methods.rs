@@ -204,7 +204,9 @@ fn a_cache_of_any_size_shows_the_same_bytes() {
         (1, 2),
     ] {
         let (picture, used) = render(size, threads);
-        assert!(used.diced > large.diced, "{size}: {used:?}");
+        // Threads may dice the same patch at once; what is given up is diced anew.
+        let least = large.diced + u64::from(size < 64 << 20);
+        assert!(used.diced >= least, "{size}: {used:?}");
         assert!(used.bytes <= size.max(1024));
         let (_, _, a) = read(&folder.path().join(format!("{}-1.exr", 64 << 20)));
         let (_, _, b) = read(&folder.path().join(format!("{size}-{threads}.exr")));
