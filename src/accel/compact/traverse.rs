@@ -21,7 +21,7 @@ pub(in crate::accel) struct Met {
     pub(in crate::accel) patch: u32,
     /// The block in the patch.
     pub(super) block: usize,
-    /// The quad in the block, whose rows are [`SIDE`](crate::accel::quads::SIDE) apart, and whether it is its second triangle.
+    /// The quad in the block, whose rows are [`SIDE`] apart, and whether it is its second triangle.
     pub(super) cell: usize,
     pub(super) second: bool,
 }

@@ -128,7 +128,7 @@ impl Heights {
         lanes.add(scaled, lanes.floats(self.bias))
     }
 
-    /// The height at one micro-vertex, by column and row in the face: the clear twin of [`block`](Self::block).
+    /// The height at one micro-vertex, by column and row in the face: the clear twin of what a block takes at once.
     pub(super) fn at(&self, face: &Face, [i, j]: [usize; 2], st: Vec2, moment: &Moment) -> f32 {
         self.of(match &self.source {
             Source::Flat(value) => *value,

@@ -19,8 +19,8 @@
 //!          P(u,v)               for all heights in the range.
 //! ```
 //!
-//! What it traces: the limit surface cut into quads as finely as it is curved ([`Shell`], which tells how far they are
-//! from it), displaced by bilinear look-ups at micro-vertices, S = P + h N with P, N and st bilinear between a quad's
+//! What it traces: the limit surface cut into quads as finely as it is curved ([`crate::surface::Shell`], which tells how far
+//! they are from it), displaced by bilinear look-ups at micro-vertices, S = P + h N with P, N and st bilinear between a quad's
 //! corners; two triangles for each micro-quad. Micro-vertices are as many as by other methods, but for rounding to whole
 //! ones a quad. Neighbours compute what they share in the same arithmetic from the same corners, so that it has the same
 //! bits. Where they cannot, since an edge is a crease or a seam or the faces beside it are not cut alike, the
