@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::displacement::Heights;
 use super::geometry::Maker;
 use super::method::{Choice, Method};
 use super::plan::{expected, plan};
@@ -146,15 +145,13 @@ impl World {
         let textures = Textures::load(description, options, budget, &mut warnings)?;
         let (materials, unbound) = textures.materials(description, options);
         let mut wardrobe = Wardrobe::new(materials.clone());
-        let mut preparer = Preparer {
+        let mut preparer = Preparer::new(
             description,
             camera,
             options,
-            textures: &textures,
-            materials: &materials,
-            unbound,
-            heights: Heights::new(&textures),
-        };
+            &textures,
+            (&materials, unbound),
+        );
         let prepared = preparer.all(&source, &mut warnings, &|| go_on_or_stop(go_on, 0.0))?;
         drop(preparer);
         budget.promise(textures.room());

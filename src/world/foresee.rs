@@ -1,7 +1,6 @@
 //! What a scene will take, told before it is built.
 
 use super::build::BuildOptions;
-use super::displacement::Heights;
 use super::estimate::Counts;
 use super::method::Method;
 use super::plan::{Item, choose, items, peak, polygons, to_spend};
@@ -58,15 +57,13 @@ pub fn foresee(
     let mut warnings = Warnings::default();
     let textures = Textures::load(description, options, &Budget::default(), &mut warnings)?;
     let (materials, unbound) = textures.materials(description, options);
-    let mut preparer = Preparer {
+    let mut preparer = Preparer::new(
         description,
         camera,
         options,
-        textures: &textures,
-        materials: &materials,
-        unbound,
-        heights: Heights::new(&textures),
-    };
+        &textures,
+        (&materials, unbound),
+    );
     let prepared = preparer.all(&Source::Built, &mut warnings, &|| Ok(()))?;
     let surfaces: usize = prepared.iter().map(Prepared::memory).sum();
     let meshes: usize = (description.shapes.iter())

@@ -71,17 +71,35 @@ pub(super) struct Smooth<'a> {
 
 /// Prepares all shapes of a scene.
 pub(super) struct Preparer<'a> {
-    pub(super) description: &'a Description,
-    pub(super) camera: &'a Camera,
-    pub(super) options: &'a BuildOptions,
-    pub(super) textures: &'a Textures,
-    pub(super) materials: &'a [Material],
+    description: &'a Description,
+    camera: &'a Camera,
+    options: &'a BuildOptions,
+    textures: &'a Textures,
+    materials: &'a [Material],
     /// The number of the material for faces without any.
-    pub(super) unbound: usize,
-    pub(super) heights: Heights<'a>,
+    unbound: usize,
+    heights: Heights<'a>,
 }
 
 impl<'a> Preparer<'a> {
+    pub(super) fn new(
+        description: &'a Description,
+        camera: &'a Camera,
+        options: &'a BuildOptions,
+        textures: &'a Textures,
+        (materials, unbound): (&'a [Material], usize),
+    ) -> Self {
+        Self {
+            description,
+            camera,
+            options,
+            textures,
+            materials,
+            unbound,
+            heights: Heights::new(textures),
+        }
+    }
+
     /// All shapes in their order. `go_on` may end it by false.
     pub(super) fn all(
         &mut self,

@@ -14,12 +14,10 @@ use rayon::prelude::*;
 
 use super::block::{HEAD, Head, PADDING, UNIT};
 use super::{Accuracy, Compact, Node, Patch, SPAN, Skeleton};
-use crate::accel::lattice::Lattice;
 use crate::accel::simd::{Isa, WIDEST};
-use crate::accel::stored::{Keep, Stored};
+use crate::accel::stored::{Ground, Keep, Stored};
 use crate::accel::top::Top;
 use crate::error::{Fault, Result};
-use crate::math::Vec3;
 use crate::store::Sections;
 use crate::surface::Surface;
 
@@ -27,12 +25,7 @@ use crate::surface::Surface;
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Facts {
-    anchor: [f32; 3],
-    step: f32,
-    reach: f32,
-    keys: u32,
-    left_handed: u32,
-    zero: u32,
+    ground: Ground,
     asked: f64,
     max: f64,
     rms: f64,
@@ -46,12 +39,12 @@ impl Stored for Compact {
     fn store(&self, keep: &mut Keep<'_>) -> Result<()> {
         let accuracy = self.accuracy;
         let facts = Facts {
-            anchor: self.skeleton.lattice.anchor.to_array(),
-            step: self.skeleton.lattice.step,
-            reach: self.skeleton.reach,
-            keys: self.skeleton.keys,
-            left_handed: self.skeleton.left_handed.into(),
-            zero: 0,
+            ground: Ground::new(
+                &self.skeleton.lattice,
+                self.skeleton.reach,
+                self.skeleton.keys,
+                self.skeleton.left_handed,
+            ),
             asked: accuracy.asked,
             max: accuracy.max,
             rms: accuracy.rms,
@@ -75,30 +68,19 @@ impl Stored for Compact {
         let [facts] = *facts else {
             return Err(wrong("facts"));
         };
-        let base = surface.base();
-        let lattice = Lattice {
-            anchor: Vec3::from(facts.anchor),
-            step: facts.step,
-        };
-        let right = facts.keys == base.keys()
-            && facts.left_handed == u32::from(base.left_handed())
-            && lattice.anchor.is_finite()
-            && lattice.step.is_normal()
-            && lattice.step > 0.0
-            && facts.reach.is_finite()
-            && facts.reach >= 0.0;
-        if !right {
+        let ground = &facts.ground;
+        if !ground.is_of(surface) {
             return Err(wrong("facts"));
         }
         let patches = sections.items::<Patch>("patches")?;
-        let top = Top::of_nodes(sections.items("top")?, facts.keys as usize, patches.len());
+        let top = Top::of_nodes(sections.items("top")?, ground.keys as usize, patches.len());
         let compact = Self {
             skeleton: Skeleton {
                 isa: Isa::best(),
-                lattice,
-                reach: facts.reach,
-                keys: facts.keys,
-                left_handed: base.left_handed(),
+                lattice: ground.lattice(),
+                reach: ground.reach,
+                keys: ground.keys,
+                left_handed: surface.base().left_handed(),
                 faces: sections.items("faces")?,
                 top: top.ok_or_else(|| wrong("the tree over patches is"))?,
                 patches,
@@ -128,14 +110,7 @@ impl Stored for Compact {
         {
             return Err(wrong("a patch is"));
         }
-        let bounded = (0..facts.keys as usize).all(|key| {
-            let bounds = compact
-                .skeleton
-                .lattice
-                .bounds(&compact.skeleton.top.extent(key));
-            bounds.is_empty() || bounds.min.is_finite() && bounds.max.is_finite()
-        });
-        if !bounded {
+        if !ground.is_around(&compact.skeleton.top) {
             return Err(wrong("the lattice is"));
         }
         Ok(compact)

@@ -14,12 +14,10 @@ use rayon::prelude::*;
 
 use super::Compressed;
 use super::patch::{Patch, first, patches};
-use crate::accel::lattice::Lattice;
 use crate::accel::simd::Isa;
-use crate::accel::stored::{Keep, Stored};
+use crate::accel::stored::{Ground, Keep, Stored};
 use crate::accel::top::Top;
 use crate::error::{Fault, Result};
-use crate::math::Vec3;
 use crate::stats::AchievedError;
 use crate::store::Sections;
 use crate::surface::Surface;
@@ -28,12 +26,7 @@ use crate::surface::Surface;
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 struct Facts {
-    anchor: [f32; 3],
-    step: f32,
-    reach: f32,
-    keys: u32,
-    left_handed: u32,
-    zero: u32,
+    ground: Ground,
     thickest: f64,
     thick_rms: f64,
     leaves: u64,
@@ -44,12 +37,7 @@ struct Facts {
 impl Stored for Compressed {
     fn store(&self, keep: &mut Keep<'_>) -> Result<()> {
         let facts = Facts {
-            anchor: self.lattice.anchor.to_array(),
-            step: self.lattice.step,
-            reach: self.reach,
-            keys: self.keys,
-            left_handed: self.left_handed.into(),
-            zero: 0,
+            ground: Ground::new(&self.lattice, self.reach, self.keys, self.left_handed),
             thickest: self.thick.max_diagonals,
             thick_rms: self.thick.rms_diagonals,
             leaves: self.thick.vertices,
@@ -71,29 +59,18 @@ impl Stored for Compressed {
         let [facts] = *facts else {
             return Err(wrong("facts"));
         };
-        let base = surface.base();
-        let lattice = Lattice {
-            anchor: Vec3::from(facts.anchor),
-            step: facts.step,
-        };
-        let right = facts.keys == base.keys()
-            && facts.left_handed == u32::from(base.left_handed())
-            && lattice.anchor.is_finite()
-            && lattice.step.is_normal()
-            && lattice.step > 0.0
-            && facts.reach.is_finite()
-            && facts.reach >= 0.0;
-        if !right {
+        let ground = &facts.ground;
+        if !ground.is_of(surface) {
             return Err(wrong("facts"));
         }
         let patches = sections.items::<Patch>("patches")?;
-        let top = Top::of_nodes(sections.items("top")?, facts.keys as usize, patches.len());
+        let top = Top::of_nodes(sections.items("top")?, ground.keys as usize, patches.len());
         let tree = Self {
             isa: Isa::best(),
-            lattice,
-            reach: facts.reach,
-            keys: facts.keys,
-            left_handed: base.left_handed(),
+            lattice: ground.lattice(),
+            reach: ground.reach,
+            keys: ground.keys,
+            left_handed: surface.base().left_handed(),
             faces: sections.items("faces")?,
             top: top.ok_or_else(|| wrong("the tree over patches is"))?,
             patches,
@@ -112,11 +89,7 @@ impl Stored for Compressed {
         if !tree.patches.par_iter().all(|patch| tree.is_sound(patch)) {
             return Err(wrong("a patch is"));
         }
-        let bounded = (0..facts.keys as usize).all(|key| {
-            let bounds = tree.lattice.bounds(&tree.top.extent(key));
-            bounds.is_empty() || bounds.min.is_finite() && bounds.max.is_finite()
-        });
-        if !bounded {
+        if !ground.is_around(&tree.top) {
             return Err(wrong("the lattice is"));
         }
         Ok(tree)
