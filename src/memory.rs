@@ -3,12 +3,16 @@
 //! What is counted is what the system counts: resident memory, with the program's own code, its libraries, and files
 //! that are mapped. Whoever is about to take much asks first; what is promised to somebody who has not taken it yet (a
 //! cache that fills while rays are traced) is set aside. Where the system does not tell how much is resident, only what
-//! is asked for at once counts.
+//! is asked for at once counts. With a budget or without, whoever asks is also told by no if the system would not give it.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 
 use crate::error::{Error, Result};
+
+mod room;
+
+pub use room::{SMALL_PIECES, filled, is_there, more_room, room_for};
 
 /// How much the program may have in memory, if there is a limit. Clones are the same budget.
 #[derive(Debug, Clone, Default)]
@@ -22,6 +26,13 @@ struct Inner {
     /// How often somebody asked, and which time is refused, whatever was asked for.
     asked: AtomicU64,
     refused: Option<u64>,
+}
+
+impl Inner {
+    /// Bytes that are in memory or set aside.
+    fn taken(&self) -> usize {
+        resident().unwrap_or(0) + self.promised.load(Ordering::Relaxed)
+    }
 }
 
 impl Budget {
@@ -65,8 +76,7 @@ impl Budget {
     /// Bytes that may still be taken, if there is a limit: 0 where it is passed.
     pub fn left(&self) -> Option<usize> {
         let inner = self.0.as_ref()?;
-        let taken = resident().unwrap_or(0) + inner.promised.load(Ordering::Relaxed);
-        Some(inner.limit.saturating_sub(taken))
+        Some(inner.limit.saturating_sub(inner.taken()))
     }
 
     /// Whether this question is not the one to be refused.
@@ -78,13 +88,12 @@ impl Budget {
         inner.refused != Some(time)
     }
 
-    /// Whether the limit is kept, with what was set aside. Ask while memory is being taken.
+    /// Whether the limit is kept, with what was set aside, and the system has [more](SMALL_PIECES). Ask while memory is being
+    /// taken.
     pub fn is_kept(&self) -> bool {
         self.grants()
-            && self.0.as_ref().is_none_or(|inner| {
-                let taken = resident().unwrap_or(0) + inner.promised.load(Ordering::Relaxed);
-                taken <= inner.limit
-            })
+            && is_there(SMALL_PIECES)
+            && (self.0.as_ref()).is_none_or(|inner| inner.taken() <= inner.limit)
     }
 
     /// Asks for bytes for something.
@@ -92,19 +101,21 @@ impl Budget {
     /// # Errors
     /// [`Error::Memory`] if they are not left: `what` (as in "textures") takes them.
     pub fn ask(&self, bytes: u64, what: &str) -> Result<()> {
-        let Some(left) = self.left() else {
-            return Ok(());
-        };
-        if self.grants() && bytes <= left as u64 {
+        let whole = usize::try_from(bytes).unwrap_or(usize::MAX);
+        let fits = (self.0.as_ref())
+            .is_none_or(|inner| inner.taken().saturating_add(whole) <= inner.limit);
+        if self.grants() && fits && is_there(whole.saturating_add(SMALL_PIECES)) {
             return Ok(());
         }
         Err(self.exceeded(format!("{what} take about {}", amount(bytes as f64))))
     }
 
-    /// That the budget does not suffice: `what` is said first, then what there is.
+    /// That the budget does not suffice, or that the system has no more: `what` is said first, then what there is.
     pub fn exceeded(&self, what: impl std::fmt::Display) -> Error {
-        let limit = self.limit().unwrap_or(usize::MAX);
-        let left = self.left().unwrap_or(usize::MAX);
+        let (Some(limit), Some(left), true) = (self.limit(), self.left(), is_there(SMALL_PIECES))
+        else {
+            return room::none_left(what);
+        };
         Error::Memory {
             message: format!(
                 "{what}, and {} of the memory budget of {} are left",

@@ -27,11 +27,16 @@ const LAYERS: [(&str, &[&str]); 24] = [
     ("nurbs", &["error", "math", "mesh"]),
     (
         "surface",
-        &["error", "stats", "math", "mesh", "image", "subdiv", "nurbs"],
+        &[
+            "error", "memory", "stats", "math", "mesh", "image", "subdiv", "nurbs",
+        ],
     ),
     // Images by way of a surface's texture coordinates: no scene, no rays.
     ("convert", &["error", "math", "mesh", "image", "surface"]),
-    ("accel", &["error", "store", "stats", "math", "surface"]),
+    (
+        "accel",
+        &["error", "memory", "store", "stats", "math", "surface"],
+    ),
     // Of surfaces it takes diced ones, to hand their micro-vertices to Embree.
     (
         "trace",

@@ -13,7 +13,9 @@ use rayon::prelude::*;
 use super::moment::Moment;
 use super::triangle::{Sheared, TriangleHit};
 use super::{Hit, Intersector};
+use crate::error::{Error, Result};
 use crate::math::{Bounds3, Ray, Vec2, Vec3};
+use crate::memory::{filled, room_for};
 use crate::surface::Diced;
 
 /// The tree. It is one primitive: Embree has nothing to sort.
@@ -35,6 +37,9 @@ struct Node {
     count: u32,
 }
 
+/// Triangles whose boxes are collected at once.
+const BATCH: u64 = 1 << 20;
+
 /// The most triangles in a leaf.
 const LEAF: usize = 4;
 
@@ -45,46 +50,67 @@ impl Tessellated {
     /// Over all triangles that have an area at some motion key.
     ///
     /// # Panics
-    /// If there are 2^31 triangles or more: dice more coarsely, or use a method that compresses.
+    /// If there are 2^31 triangles or more: dice more coarsely, or use a method that compresses. If there is no memory.
     pub fn build(diced: Arc<Diced>) -> Self {
+        Self::watched(diced, &|_| true).expect("nobody ends it, and there is memory")
+    }
+
+    /// The same; `go_on` is told how far it is, 0..1, and ends it by false.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] if ended, [`Error::Memory`] if the system has no more.
+    ///
+    /// # Panics
+    /// If there are 2^31 triangles or more.
+    pub fn watched(diced: Arc<Diced>, go_on: &dyn Fn(f64) -> bool) -> Result<Self> {
         assert!(
             diced.triangles() < 1 << 31,
             "{} micro-triangles are too many for the plain tree",
             diced.triangles()
         );
         let keys = diced.positions().len();
-        let mut boxes: Vec<(u32, Vec3)> = (0..diced.triangles())
-            .into_par_iter()
-            .filter_map(|triangle| {
-                let corners = diced.corners(triangle);
-                let has_area = |key: &Vec<Vec3>| {
-                    let [a, b, c] = corners.map(|v| key[v as usize]);
-                    a != b && b != c && c != a
-                };
-                diced.positions().iter().any(has_area).then(|| {
-                    let all = Bounds3::of(
-                        diced
-                            .positions()
-                            .iter()
-                            .flat_map(|key| corners.map(|v| key[v as usize])),
-                    );
-                    (triangle as u32, all.centre())
-                })
+        let with_area = |triangle: u64| {
+            let corners = diced.corners(triangle);
+            let has_area = |key: &Vec<Vec3>| {
+                let [a, b, c] = corners.map(|v| key[v as usize]);
+                a != b && b != c && c != a
+            };
+            diced.positions().iter().any(has_area).then(|| {
+                let all = Bounds3::of(
+                    diced
+                        .positions()
+                        .iter()
+                        .flat_map(|key| corners.map(|v| key[v as usize])),
+                );
+                (triangle as u32, all.centre())
             })
-            .collect();
-        let mut nodes = Vec::with_capacity(boxes.len());
+        };
+        // A batch at a time: what threads collect exists twice for a moment.
+        let all = diced.triangles();
+        let mut boxes: Vec<(u32, Vec3)> = room_for(all as usize, "boxes of micro-triangles")?;
+        for first in (0..all).step_by(BATCH as usize) {
+            let batch = first..all.min(first + BATCH);
+            boxes.par_extend(batch.into_par_iter().filter_map(with_area));
+            if !go_on(first as f64 / all as f64) {
+                return Err(Error::Interrupted);
+            }
+        }
+        let mut nodes = room_for(boxes.len(), "nodes")?;
         if !boxes.is_empty() {
             split(&mut boxes, 0, &mut nodes);
         }
-        let triangles: Vec<u32> = boxes.into_iter().map(|(triangle, _)| triangle).collect();
+        nodes.shrink_to_fit();
+        let mut triangles: Vec<u32> = room_for(boxes.len(), "numbers of micro-triangles")?;
+        triangles.extend(boxes.iter().map(|(triangle, _)| triangle));
+        drop(boxes);
         let mut tree = Self {
-            bounds: vec![Bounds3::EMPTY; nodes.len() * keys],
+            bounds: filled(nodes.len() * keys, Bounds3::EMPTY, "boxes of nodes")?,
             diced,
             nodes,
             triangles,
         };
         tree.refit();
-        tree
+        Ok(tree)
     }
 
     /// The surface that is traced.

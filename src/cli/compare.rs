@@ -5,10 +5,12 @@ use std::path::Path;
 use clap::Args;
 use relievo::compare::{CompareOptions, Fineness};
 use relievo::error::Warnings;
+use relievo::memory::Budget;
 use relievo::scene::{self, Description, LoadOptions};
-use relievo::world::{AchievedError, Choice, MaxError, Method};
+use relievo::world::{AchievedError, CacheSize, Choice, MaxError, Method};
 use relievo::{Error, Result};
 
+use super::machine::bytes;
 use super::method::{CacheArgument, MethodArgument, max_error};
 
 #[derive(Debug, Args)]
@@ -28,6 +30,9 @@ pub(super) struct Compare {
     max_error: Option<MaxError>,
     #[command(flatten)]
     cache: CacheArgument,
+    /// Memory that the whole program may have, its own code included: 800M, 12G.
+    #[arg(long, value_name = "BYTES", value_parser = bytes, help_heading = "Machine")]
+    memory_budget: Option<usize>,
 }
 
 impl Compare {
@@ -47,7 +52,10 @@ impl Compare {
                 "give --dicing-rate too, or a part of the object's diagonal, as --max-error 1e-5",
             ));
         }
+        let budget = Budget::from(self.memory_budget);
+        budget.ask(scene::expected_memory(path), "the scene's file")?;
         let scene = scene::load(path, &LoadOptions::default())?;
+        budget.ask(0, "program and scene")?;
         self.warn(&scene.warnings);
         Ok(scene)
     }
@@ -62,6 +70,8 @@ impl Compare {
         if methods.is_empty() {
             methods = Method::ALL.map(Choice::One).to_vec();
         }
+        let eighth = self.memory_budget.map_or(usize::MAX, |budget| budget / 8);
+        let cache_size = CacheSize::default().0.min(eighth);
         CompareOptions {
             methods,
             fineness: match self.dicing_rate {
@@ -69,7 +79,8 @@ impl Compare {
                 None => Fineness::MicroTriangles(self.micro_triangles),
             },
             max_error: self.max_error.unwrap_or_default(),
-            cache_size: self.cache.size().unwrap_or_default(),
+            cache_size: self.cache.size().unwrap_or(CacheSize(cache_size)),
+            memory_budget: self.memory_budget.into(),
             rays,
         }
     }

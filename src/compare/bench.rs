@@ -19,13 +19,14 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, how_much_finer, methods, prepare, together};
+use super::traced::{Prepared, Traced, device, how_much_finer, methods, prepare, together};
 use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
+use crate::memory::Budget;
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
-use crate::trace::{Device, DeviceOptions, Scene};
+use crate::trace::Scene;
 use crate::world::{AchievedError, Cache, CacheSize, CacheUse, Choice, Method, cache_use, objects};
 
 /// Times that everything is measured.
@@ -197,7 +198,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     let distances = options.distances;
     let options = &options.compare;
     let mut warnings = Warnings::default();
-    let all = objects(description, &mut warnings)?;
+    let all = objects(description, &options.memory_budget, &mut warnings)?;
     let view = camera(
         description,
         picture_of(options.rays, picture_size(description)),
@@ -217,7 +218,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
             if round > 0 && !entries.iter().any(|e| e.method == method) {
                 continue;
             }
-            match build(method, &prepared, options.cache_size) {
+            match build(method, &prepared, options) {
                 Ok(entry) => match entries.iter_mut().find(|e| e.method == method) {
                     Some(earlier) => earlier.builds.extend(entry.builds),
                     None => entries.push(entry),
@@ -260,7 +261,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
         pool.report(&mut warnings);
     }
     let reference = if distances {
-        measure_distances(&prepared, &mut entries, twin, options.rays, &mut warnings)?
+        measure_distances(&prepared, &mut entries, twin, options, &mut warnings)?
     } else {
         None
     };
@@ -323,12 +324,16 @@ fn picture_of(pixels: u64, [width, height]: [u32; 2]) -> [u32; 2] {
 }
 
 /// Builds all surfaces and their scene, and measures bytes and seconds.
-fn build(method: Choice, prepared: &[Prepared], cache_size: CacheSize) -> Result<Entry> {
-    let device = Device::new(&DeviceOptions::default())?;
+fn build(method: Choice, prepared: &[Prepared], options: &CompareOptions) -> Result<Entry> {
+    let device = device(&options.memory_budget)?;
     let before = device.memory();
-    let methods = methods(method, prepared);
+    let methods = methods(method, prepared, &options.memory_budget);
     let has_cache = methods.contains(&Method::Cache);
-    let cache = Method::Cache.cache(if has_cache { cache_size } else { CacheSize(0) });
+    let cache = Method::Cache.cache(if has_cache {
+        options.cache_size
+    } else {
+        CacheSize(0)
+    });
     let start = Instant::now();
     let traced = (prepared.iter().zip(methods))
         .map(|(p, method)| p.build(method, &p.rates, &device, &cache))
@@ -362,7 +367,7 @@ fn measure_distances(
     prepared: &[Prepared],
     entries: &mut [Entry],
     twin: usize,
-    rays: u64,
+    options: &CompareOptions,
     warnings: &mut Warnings,
 ) -> Result<Option<Reference>> {
     let largest = (prepared.iter().map(|p| p.rates.micro_triangles())).max();
@@ -373,9 +378,9 @@ fn measure_distances(
         });
         return Ok(None);
     };
-    let each = rays.div_ceil(prepared.len().max(1) as u64);
+    let each = options.rays.div_ceil(prepared.len().max(1) as u64);
     for (i, prepared) in prepared.iter().enumerate() {
-        let device = Device::new(&DeviceOptions::default())?;
+        let device = device(&options.memory_budget)?;
         let none = Method::EmbreeGrid.cache(CacheSize::default());
         let fine = prepared.build(Method::EmbreeGrid, &prepared.finer(finer), &device, &none)?;
         for e in 0..entries.len() {
@@ -483,7 +488,7 @@ fn machine(threads: usize) -> Result<Machine> {
     Ok(Machine {
         processor: name.to_owned(),
         threads,
-        embree: Device::new(&DeviceOptions::default())?.version(),
+        embree: device(&Budget::default())?.version(),
         relievo: env!("CARGO_PKG_VERSION"),
     })
 }

@@ -11,6 +11,7 @@ pub use bench::{Bench, BenchOptions, BenchRow, BySpeed, Machine, Reference, benc
 pub use report::{Measured, check_report, report_json, write_report};
 pub use verify::{Verified, VerifyRow, verify};
 
+use crate::memory::Budget;
 use crate::world::{CacheSize, Choice, MaxError};
 
 /// How finely surfaces are diced.
@@ -33,6 +34,8 @@ pub struct CompareOptions {
     pub max_error: MaxError,
     /// Bytes of the cache, for the method that has one.
     pub cache_size: CacheSize,
+    /// What the whole program may have in memory.
+    pub memory_budget: Budget,
     /// Rays: for each mesh to verify, for the whole scene to measure speed.
     pub rays: u64,
 }

@@ -3,13 +3,15 @@
 use std::sync::Arc;
 
 use super::Fineness;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::math::{Affine3A, Ray, Vec2, Vec3};
+use crate::memory::Budget;
 use crate::shade::camera::Camera;
 use crate::surface::{Dicing, Places, Rates, Subdivision, Surface};
-use crate::trace::{Device, Scene, SceneBuilder, SceneHit, face_uv};
+use crate::trace::{Device, DeviceOptions, Scene, SceneBuilder, SceneHit, face_uv};
 use crate::world::{
-    AchievedError, Cache, Choice, HitPlaces, How, MaxError, Method, Object, chosen, of_embree,
+    AchievedError, Cache, Choice, Counts, HitPlaces, How, MaxError, Method, Object, chosen,
+    of_embree,
 };
 
 /// How many times as fine references are along an edge: the first of these that is not too large.
@@ -72,11 +74,20 @@ pub(super) fn prepare(
         .collect())
 }
 
+/// A device of its own memory count, within the budget.
+pub(super) fn device(budget: &Budget) -> Result<Device> {
+    Device::new(&DeviceOptions {
+        memory_budget: budget.clone(),
+        ..DeviceOptions::default()
+    })
+}
+
 /// By which method each object is traced.
-pub(super) fn methods(choice: Choice, prepared: &[Prepared]) -> Vec<Method> {
+pub(super) fn methods(choice: Choice, prepared: &[Prepared], budget: &Budget) -> Vec<Method> {
+    let surfaces = prepared.iter().map(|p| (&*p.object.surface, &p.rates));
     match choice {
         Choice::One(method) => vec![method; prepared.len()],
-        Choice::Auto => chosen((prepared.iter()).map(|p| (&*p.object.surface, &p.rates))),
+        Choice::Auto => chosen(surfaces, budget),
     }
 }
 
@@ -95,6 +106,16 @@ impl Prepared {
         cache: &Arc<Cache>,
     ) -> Result<Traced> {
         let object = &self.object;
+        let budget = device.memory_budget();
+        let counts = Counts::new(&object.surface, rates);
+        let what = || {
+            let (path, name) = (&object.path, method.name());
+            format!(
+                "{path}: {} micro-triangles by {name}",
+                counts.micro_triangles
+            )
+        };
+        budget.ask(method.need(&counts).peak(), &what())?;
         let (geometry, numbering, mut bytes, error) = if method == Method::EmbreeSubdivision {
             let (geometry, base) = object.embree_subdivision(rates, device)?;
             (geometry, Numbering::Embrees(base), 0, None)
@@ -102,10 +123,15 @@ impl Prepared {
             let how = How {
                 max_error: self.max_error,
                 cache,
-                go_on: &|_| true,
+                go_on: &|_| budget.is_kept(),
                 keep: None,
             };
-            let built = method.build(&object.surface, rates, device, how)?;
+            let built = match method.build(&object.surface, rates, device, how) {
+                Err(Error::Interrupted) => {
+                    return Err(budget.exceeded(format!("{} take more", what())));
+                }
+                built => built?,
+            };
             let error = built.error();
             let numbering = Numbering::Ours(built.places);
             (built.geometry, numbering, built.bytes, error)
@@ -234,7 +260,6 @@ mod tests {
     use crate::compare::random::Random;
     use crate::error::Warnings;
     use crate::scene::{LoadOptions, obj};
-    use crate::trace::DeviceOptions;
     use crate::world::{self, CacheSize};
 
     const CUBE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nv -1 -1 1\nv 1 -1 1\nv 1 1 1\nv -1 1 1\n\
@@ -252,7 +277,8 @@ mod tests {
         for roof in [FLAT_ROOF, GABLES] {
             std::fs::write(&path, format!("{CUBE}{roof}")).expect("the folder takes files");
             let scene = obj::load(&path, &LoadOptions::default()).expect("a house");
-            let objects = world::objects(&scene, &mut Warnings::default()).expect("a surface");
+            let objects = world::objects(&scene, &Budget::default(), &mut Warnings::default())
+                .expect("a surface");
             let fineness = (Fineness::MicroTriangles(20_000), MaxError::Usual);
             let prepared = prepare(objects, fineness, &|| {
                 unreachable!("no pixels are asked for")

@@ -20,13 +20,13 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, how_much_finer, methods, prepare};
+use super::traced::{Prepared, Traced, device, how_much_finer, methods, prepare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Ray, Vec3};
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::surface::Rates;
-use crate::trace::{Device, DeviceOptions, Scene};
+use crate::trace::{Device, Scene};
 use crate::world::{AchievedError, CacheSize, Choice, Method, objects};
 
 /// Farther apart than this part of the box, two hits are not of one place, and their normals are not compared.
@@ -109,15 +109,15 @@ impl Found {
 /// If the scene cannot be built.
 pub fn verify(description: &Description, options: &CompareOptions) -> Result<Verified> {
     let mut warnings = Warnings::default();
-    let objects = objects(description, &mut warnings)?;
+    let objects = objects(description, &options.memory_budget, &mut warnings)?;
     let view = || camera(description, picture_size(description));
     let prepared = prepare(objects, (options.fineness, options.max_error), &view)?;
     let mut found: Vec<(Choice, &'static str, Found)> = Vec::new();
     let choices: Vec<(Choice, Vec<Method>)> = (options.methods.iter())
-        .map(|&choice| (choice, methods(choice, &prepared)))
+        .map(|&choice| (choice, methods(choice, &prepared, &options.memory_budget)))
         .collect();
     for (number, prepared) in prepared.iter().enumerate() {
-        let device = Device::new(&DeviceOptions::default())?;
+        let device = device(&options.memory_budget)?;
         let none = Method::EmbreeTriangles.cache(options.cache_size);
         let finer = how_much_finer(prepared.rates.micro_triangles()).unwrap_or_else(|| {
             warnings.add("coarse references", || {

@@ -234,6 +234,9 @@ fn stage(
     interrupt: &AtomicBool,
 ) -> Result<Staged> {
     progress.stage("load", 1);
+    options
+        .memory_budget
+        .ask(scene::expected_memory(&options.scene), "the scene's file")?;
     let description = stats.time("load", |_| scene::load(&options.scene, &options.load))?;
     // Told before anything can fail: they often say why it does.
     progress.warn(&description.warnings);

@@ -23,7 +23,9 @@ use super::base::{UvRect, edge_uv};
 use super::evaluate::Surface;
 use super::rates::Rates;
 use super::shared::{Scratch, SharedSamples, split};
+use crate::error::{Error, Result};
 use crate::math::{Vec2, Vec3};
+use crate::memory::filled;
 
 /// A face's part of a [`Diced`] surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -134,11 +136,14 @@ const BATCH: usize = 512;
 impl Diced {
     /// Dices all faces, on all threads. The bytes are the same for any number of threads.
     pub fn new(surface: &Surface, rates: &Rates) -> Self {
-        Self::watched(surface, rates, &|_| true).expect("nobody ends it")
+        Self::watched(surface, rates, &|_| true).expect("nobody ends it, and there is memory")
     }
 
-    /// The same; `go_on` is told how far it is, 0..1, and ends it by false: then there is none.
-    pub fn watched(surface: &Surface, rates: &Rates, go_on: &dyn Fn(f64) -> bool) -> Option<Self> {
+    /// The same; `go_on` is told how far it is, 0..1, and ends it by false.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`] if ended, [`Error::Memory`] if the system has no room for the micro-vertices.
+    pub fn watched(surface: &Surface, rates: &Rates, go_on: &dyn Fn(f64) -> bool) -> Result<Self> {
         let base = surface.base();
         let mut grids = Vec::new();
         let mut starts = vec![0];
@@ -157,10 +162,10 @@ impl Diced {
         }
         let all = grids.len() * base.keys() as usize;
         let mut done = 0;
-        let positions: Option<Vec<Vec<Vec3>>> = (0..base.keys())
+        let positions = (0..base.keys())
             .map(|key| {
+                let mut positions = filled(first_vertex as usize, Vec3::ZERO, "micro-vertices")?;
                 let shared = SharedSamples::new(surface, rates, key);
-                let mut positions = vec![Vec3::ZERO; first_vertex as usize];
                 let mut faces: Vec<_> = grids.iter().zip(split(&mut positions, &starts)).collect();
                 for batch in faces.chunks_mut(BATCH) {
                     batch.par_iter_mut().with_min_len(4).for_each_init(
@@ -171,14 +176,14 @@ impl Diced {
                     );
                     done += batch.len();
                     if !go_on(done as f64 / all as f64) {
-                        return None;
+                        return Err(Error::Interrupted);
                     }
                 }
-                Some(positions)
+                Ok(positions)
             })
-            .collect();
-        Some(Self {
-            positions: Arc::new(positions?),
+            .collect::<Result<Vec<_>>>()?;
+        Ok(Self {
+            positions: Arc::new(positions),
             grids: Arc::new(Grids(grids)),
             left_handed: base.left_handed(),
         })

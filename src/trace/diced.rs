@@ -9,6 +9,7 @@ use super::device::Device;
 use super::geometry::{Geometry, Grid, Handle, Kind};
 use crate::error::{Error, Result};
 use crate::math::Vec2;
+use crate::memory::room_for;
 use crate::surface::{Diced, Grids};
 
 impl Geometry {
@@ -18,7 +19,7 @@ impl Geometry {
     /// If there are more than Embree can number, or memory runs out.
     pub fn diced_triangles(device: &Device, diced: &Diced) -> Result<Self> {
         check_counts(diced)?;
-        let mut indices = Vec::with_capacity(diced.triangles() as usize);
+        let mut indices = room_for(diced.triangles() as usize, "indices of micro-triangles")?;
         for grid in diced.grids() {
             indices.extend((0..grid.triangles()).map(|triangle| {
                 grid.corners(triangle)

@@ -356,9 +356,9 @@ impl Handle {
 
     pub(super) fn fill_points(&self, keys: &[Vec<Vec3>]) -> Result<()> {
         for (key, points) in keys.iter().enumerate() {
-            let flat: Vec<f32> = points.iter().flat_map(|p| p.to_array()).collect();
+            let numbers: &[f32] = bytemuck::cast_slice(points);
             let (vertex, float3) = (sys::RTC_BUFFER_TYPE_VERTEX, sys::RTC_FORMAT_FLOAT3);
-            self.fill(vertex, key as u32, float3, 3, &flat)?;
+            self.fill(vertex, key as u32, float3, 3, numbers)?;
         }
         Ok(())
     }

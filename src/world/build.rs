@@ -151,6 +151,7 @@ impl World {
             options,
             &textures,
             (&materials, unbound),
+            budget,
         );
         let prepared = preparer.all(&source, &mut warnings, &|| go_on_or_stop(go_on, 0.0))?;
         drop(preparer);

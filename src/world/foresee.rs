@@ -55,7 +55,8 @@ pub fn foresee(
     budget: &Budget,
 ) -> Result<Foreseen> {
     let mut warnings = Warnings::default();
-    let textures = Textures::load(description, options, &Budget::default(), &mut warnings)?;
+    let none = Budget::default();
+    let textures = Textures::load(description, options, &none, &mut warnings)?;
     let (materials, unbound) = textures.materials(description, options);
     let mut preparer = Preparer::new(
         description,
@@ -63,6 +64,7 @@ pub fn foresee(
         options,
         &textures,
         (&materials, unbound),
+        &none,
     );
     let prepared = preparer.all(&Source::Built, &mut warnings, &|| Ok(()))?;
     let surfaces: usize = prepared.iter().map(Prepared::memory).sum();
@@ -104,14 +106,17 @@ pub fn foresee(
     })
 }
 
-/// The methods that [`Choice::Auto`](super::Choice) chooses for surfaces of which nothing else is known, within half of the
-/// machine's memory.
-pub fn chosen<'a>(surfaces: impl Iterator<Item = (&'a Surface, &'a Rates)>) -> Vec<Method> {
+/// The methods that [`Choice::Auto`](super::Choice) chooses for surfaces of which nothing else is known, within a budget, or
+/// half of the machine's memory.
+pub fn chosen<'a>(
+    surfaces: impl Iterator<Item = (&'a Surface, &'a Rates)>,
+    budget: &Budget,
+) -> Vec<Method> {
     let items: Vec<Item> = surfaces
         .map(|(surface, rates)| Item {
             counts: Counts::new(surface, rates),
             together: false,
         })
         .collect();
-    choose(&items, to_spend(&Budget::default(), 0)).0
+    choose(&items, to_spend(budget, 0)).0
 }

@@ -6,7 +6,7 @@ use crate::accel::{
     Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions,
     Intersector, Keep, MaxError, Stored, Tessellated, Trimmed,
 };
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::math::Vec2;
 use crate::stats::AchievedError;
 use crate::store::Sections;
@@ -266,10 +266,7 @@ impl Method {
         how: How<'_>,
     ) -> Result<TracedSurface> {
         let (mut accuracy, mut thick) = (None, None);
-        let diced = || {
-            let diced = Diced::watched(surface, rates, how.go_on);
-            diced.map(Arc::new).ok_or(Error::Interrupted)
-        };
+        let diced = || Diced::watched(surface, rates, how.go_on).map(Arc::new);
         let (geometry, places, bytes) = match self {
             Self::EmbreeSubdivision | Self::EmbreeTriangles => {
                 let diced = diced()?;
@@ -285,7 +282,9 @@ impl Method {
                 let geometry = Geometry::diced_grids(device, &diced)?;
                 (geometry, HitPlaces::Grids(grids), bytes)
             }
-            Self::Tessellated => of_hit(Tessellated::build(diced()?), surface, device)?,
+            Self::Tessellated => {
+                of_hit(Tessellated::watched(diced()?, how.go_on)?, surface, device)?
+            }
             Self::Compact => {
                 // It dices by itself, a few rows at a time.
                 let options = CompactOptions {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::build::{BuildOptions, displacement_of, name_shape, single};
 use super::displacement::{Heights, by_callback, coordinates};
+use super::prepare::limit_surface;
 use super::textures::Textures;
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Vec3};
@@ -40,13 +41,17 @@ struct Cage {
 /// All surfaces that stand somewhere.
 ///
 /// # Errors
-/// If a texture cannot be read, or a patch is too large to hold.
-pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec<Object>> {
+/// If a texture cannot be read, a patch is too large to hold, or the budget does not suffice.
+pub fn objects(
+    description: &Description,
+    budget: &Budget,
+    warnings: &mut Warnings,
+) -> Result<Vec<Object>> {
     let options = BuildOptions {
         clay: Some(0.5),
         ..BuildOptions::default()
     };
-    let textures = Textures::load(description, &options, &Budget::default(), warnings)?;
+    let textures = Textures::load(description, &options, budget, warnings)?;
     let (materials, _) = textures.materials(description, &options);
     let mut heights = Heights::new(&textures);
     let mut objects = Vec::new();
@@ -76,6 +81,7 @@ pub fn objects(description: &Description, warnings: &mut Warnings) -> Result<Vec
         let st = height.and_then(coordinates);
         let (carrier, bounds, cage): (Arc<dyn Carrier>, _, _) = match &shape.geometry {
             scene::Geometry::Mesh(mesh) => {
+                budget.ask(limit_surface(mesh), &shape.path)?;
                 let base = Arc::new(Subdivision::carrying(mesh, &names, st));
                 let cage = Cage {
                     mesh: mesh.clone(),

@@ -21,6 +21,9 @@ const SMALL: u64 = 256;
 /// The cache at least, where it may be chosen.
 const LEAST_CACHE: u64 = 8 << 20;
 
+/// Dicing rates that are tried for advice. Each takes as long as the scene's surfaces took to prepare.
+const TRIES: usize = 6;
+
 /// An object, as far as it decides about memory.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Item {
@@ -261,14 +264,15 @@ fn advice(
     if let Some(method) = smaller.iter().find(|method| fits(method)) {
         advice.push(format!("choose --method {}", method.name()));
     }
-    // Micro-triangles go by the square of the rate, where edges are not held to the most segments.
+    // Micro-triangles go by the square of the rate, where edges are not held to the most segments, or the least.
     let mut dicing = options.dicing;
-    for _ in 0..24 {
-        dicing.rate *= 1.3;
-        let rate = 10.0_f32.powi(dicing.rate.log10().floor() as i32 - 1);
-        dicing.rate = (dicing.rate / rate).ceil() * rate;
+    let mut needed_now = (cautious(items, &plan.methods) + cache + fixed) as f64;
+    for _ in 0..TRIES {
+        let smaller = 1.05 * (needed_now / left.max(1.0)).sqrt();
+        dicing.rate = rounded_up(dicing.rate * smaller.clamp(1.2, 16.0) as f32);
         let items = self::items(prepared, Some(&dicing));
-        if (cautious(&items, &plan.methods) + cache + fixed) as f64 <= left {
+        needed_now = (cautious(&items, &plan.methods) + cache + fixed) as f64;
+        if needed_now <= left {
             let digits = usize::from(dicing.rate < 10.0) + usize::from(dicing.rate < 1.0);
             advice.push(format!("dice by --dicing-rate {:.digits$}", dicing.rate));
             break;
@@ -282,6 +286,12 @@ fn advice(
         (more / f64::from(1 << 20)).ceil()
     ));
     advice.join(", or ")
+}
+
+/// To two digits.
+fn rounded_up(rate: f32) -> f32 {
+    let step = 10.0_f32.powi(rate.log10().floor() as i32 - 1);
+    (rate / step).ceil() * step
 }
 
 /// What each shape is expected to take in the end, as it was planned.

@@ -12,6 +12,7 @@ use super::stored::{self, Cage, Source};
 use super::textures::Textures;
 use crate::error::{Result, Warnings};
 use crate::math::{Affine3A, Bounds3};
+use crate::memory::Budget;
 use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule};
 use crate::scene::{self, Description, Input};
 use crate::shade::camera::Camera;
@@ -79,6 +80,7 @@ pub(super) struct Preparer<'a> {
     /// The number of the material for faces without any.
     unbound: usize,
     heights: Heights<'a>,
+    budget: &'a Budget,
 }
 
 impl<'a> Preparer<'a> {
@@ -88,6 +90,7 @@ impl<'a> Preparer<'a> {
         options: &'a BuildOptions,
         textures: &'a Textures,
         (materials, unbound): (&'a [Material], usize),
+        budget: &'a Budget,
     ) -> Self {
         Self {
             description,
@@ -97,6 +100,7 @@ impl<'a> Preparer<'a> {
             materials,
             unbound,
             heights: Heights::new(textures),
+            budget,
         }
     }
 
@@ -203,6 +207,7 @@ impl<'a> Preparer<'a> {
             }
             return Ok(Form::Polygons(mesh));
         }
+        self.budget.ask(limit_surface(&mesh), wanted.path)?;
         let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
         let st = wanted.displaced.and_then(|d| coordinates(d.height));
         let base = Arc::new(Subdivision::carrying(&mesh, &names, st));
@@ -314,6 +319,16 @@ impl Smooth<'_> {
         let rates = Rates::on_screen(&self.surface, &self.stands, dicing);
         Counts::new(&self.surface, &rates)
     }
+}
+
+/// Bytes of a cage's limit surface and of its rates, about. Faces are cut at their corners where not all of them are quads.
+pub(super) fn limit_surface(mesh: &ControlMesh) -> u64 {
+    let (faces, corners) = (
+        mesh.face_vertex_counts.len(),
+        mesh.face_vertex_indices.len(),
+    );
+    let parts = if corners == 4 * faces { faces } else { corners };
+    450 * parts as u64
 }
 
 /// Why Embree's subdivision of a mesh would not be what its tags say, or nothing at all.

@@ -73,7 +73,7 @@ fn rough_prism() -> Surface {
     };
     let written = heights(mesh).write(folder.path().join("heights.ptx"));
     written.expect("the folder takes files");
-    let object = objects(&scene, &mut Warnings::default())
+    let object = objects(&scene, &Budget::default(), &mut Warnings::default())
         .expect("a surface")
         .remove(0);
     std::sync::Arc::into_inner(object.surface).expect("held once")

@@ -16,7 +16,11 @@ use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
+use crate::memory::more_room;
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
+
+/// What most of the memory is for.
+const BLOCKS: &str = "blocks of micro-triangles";
 
 /// Bands that are in work at once.
 const BATCH: usize = 256;
@@ -38,6 +42,16 @@ struct Place {
     grid: usize,
     key: u32,
     row: usize,
+}
+
+/// What a thread works with: kept from band to band, so that large pieces of memory do not come and go between the small
+/// ones that bands leave.
+#[derive(Default)]
+struct Work {
+    scratch: Scratch,
+    points: Vec<Vec3>,
+    /// The same on the lattice.
+    lattice: Vec<[i32; 3]>,
 }
 
 /// Why a build ends early.
@@ -168,6 +182,7 @@ impl<'a> Builder<'a> {
             return Err(Stop::Error(Error::Interrupted));
         }
         let mut data = self.data;
+        more_room(&mut data, PADDING, BLOCKS).map_err(Stop::Error)?;
         data.resize(data.len() + PADDING, 0);
         data.shrink_to_fit();
         let reach = reach(&self.extents);
@@ -211,13 +226,10 @@ impl<'a> Builder<'a> {
         let this: &Self = self;
         let bands: Vec<Result<Band, Stop>> = places
             .par_iter()
-            .map_init(
-                || (Scratch::default(), Vec::new()),
-                |(scratch, points), place| this.band(*place, scratch, points),
-            )
+            .map_init(Work::default, |work, place| this.band(*place, work))
             .collect();
         for (place, band) in places.iter().zip(bands) {
-            self.join(*place, band?);
+            self.join(*place, band?).map_err(Stop::Error)?;
         }
         let most = u32::MAX as usize * UNIT;
         if self.data.len() < most {
@@ -232,12 +244,12 @@ impl<'a> Builder<'a> {
         }))
     }
 
-    fn band(
-        &self,
-        place: Place,
-        scratch: &mut Scratch,
-        points: &mut Vec<Vec3>,
-    ) -> Result<Band, Stop> {
+    fn band(&self, place: Place, work: &mut Work) -> Result<Band, Stop> {
+        let Work {
+            scratch,
+            points,
+            lattice,
+        } = work;
         let grid = &self.grids[place.grid];
         let [nu, nv] = grid.size.map(usize::from);
         let first = SPAN * place.row;
@@ -261,7 +273,8 @@ impl<'a> Builder<'a> {
             vertices: points.len(),
         };
         // The far side of each block is the near side of the next one, and rounded with that.
-        let mut lattice = vec![[0_i32; 3]; points.len()];
+        lattice.clear();
+        lattice.resize(points.len(), [0; 3]);
         for (to, &p) in lattice.iter_mut().zip(points.iter()) {
             *to = self.lattice.nearest(p).ok_or(Stop::TooFar)?;
             let off = (self.lattice.position(*to) - p.as_dvec3()).length_squared();
@@ -277,8 +290,9 @@ impl<'a> Builder<'a> {
     }
 
     /// Adds a band.
-    fn join(&mut self, place: Place, band: Band) {
+    fn join(&mut self, place: Place, band: Band) -> Result<()> {
         let start = (self.data.len() / UNIT) as u32;
+        more_room(&mut self.data, band.data.len(), BLOCKS)?;
         self.data.extend_from_slice(&band.data);
         self.largest = self.largest.max(band.largest);
         self.squares += band.squares;
@@ -300,5 +314,6 @@ impl<'a> Builder<'a> {
             self.nodes[key].push(has_node.then_some(node));
             self.extents[key].push(extent);
         }
+        Ok(())
     }
 }

@@ -16,6 +16,7 @@ use crate::accel::simd::{Isa, LANES};
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Vec3};
+use crate::memory::more_room;
 use crate::stats::AchievedError;
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
@@ -44,6 +45,16 @@ struct Thick {
     largest: f64,
     squares: f64,
     leaves: u64,
+}
+
+/// What a thread works with: kept from band to band, so that large pieces of memory do not come and go between the small
+/// ones that bands leave.
+#[derive(Default)]
+struct Work {
+    scratch: Scratch,
+    points: Vec<Vec3>,
+    /// The same on the lattice, by motion key.
+    keys: Vec<Vec<DVec3>>,
 }
 
 /// Why a build ends early.
@@ -186,13 +197,11 @@ impl<'a> Builder<'a> {
         let this: &Self = self;
         let bands: Vec<Result<Vec<Made>, Stop>> = places
             .par_iter()
-            .map_init(Scratch::default, |scratch, place| {
-                this.band(*place, scratch)
-            })
+            .map_init(Work::default, |work, place| this.band(*place, work))
             .collect();
         for band in bands {
             for made in band? {
-                self.join(made);
+                self.join(made).map_err(Stop::Error)?;
             }
         }
         if u32::try_from(self.tiles.len()).is_ok() {
@@ -204,23 +213,32 @@ impl<'a> Builder<'a> {
         }))
     }
 
-    fn band(&self, place: Place, scratch: &mut Scratch) -> Result<Vec<Made>, Stop> {
+    fn band(&self, place: Place, work: &mut Work) -> Result<Vec<Made>, Stop> {
         let grid = &self.grids[place.grid];
         let [nu, nv] = grid.size.map(usize::from);
         let (below, above) = (first(place.row, nv), first(place.row + 1, nv));
         let stride = nu + 1;
-        let mut points = vec![Vec3::ZERO; stride * (above - below + 1)];
-        let mut keys = Vec::with_capacity(self.shared.len());
-        for (key, shared) in (0..).zip(self.shared) {
+        let Work {
+            scratch,
+            points,
+            keys,
+        } = work;
+        points.clear();
+        points.resize(stride * (above - below + 1), Vec3::ZERO);
+        keys.resize_with(self.shared.len(), Vec::new);
+        for ((key, shared), on_lattice) in (0..).zip(self.shared).zip(keys.iter_mut()) {
             let rows = below as u16..=above as u16;
             self.surface
-                .dice_rows(grid, rows, key, shared, scratch, &mut points);
-            let on_lattice = points.iter().map(|&p| {
+                .dice_rows(grid, rows, key, shared, scratch, points);
+            on_lattice.clear();
+            for &p in points.iter() {
                 let p = self.lattice.on_lattice(p);
-                (p.abs().max_element() < f64::from(REACH - 1)).then_some(p)
-            });
-            let on_lattice = on_lattice.collect::<Option<Vec<DVec3>>>();
-            keys.push(on_lattice.ok_or(Stop::TooFar)?);
+                let is_within = p.abs().max_element() < f64::from(REACH - 1);
+                if !is_within {
+                    return Err(Stop::TooFar);
+                }
+                on_lattice.push(p);
+            }
         }
         let columns = 0..patches(nu);
         Ok(columns
@@ -233,13 +251,13 @@ impl<'a> Builder<'a> {
                     quads: quads.map(|n| n as u8),
                     root: 0,
                 };
-                make(patch, left, &keys, stride)
+                make(patch, left, keys, stride)
             })
             .collect())
     }
 
     /// Adds a patch.
-    fn join(&mut self, made: Made) {
+    fn join(&mut self, made: Made) -> Result<()> {
         let mut patch = made.patch;
         if patch.is_single() {
             patch.root = self.tiles.len() as u32;
@@ -253,11 +271,13 @@ impl<'a> Builder<'a> {
                     first: self.tiles.len() as u32,
                 });
             }
+            more_room(&mut self.tiles, tiles.len(), "tiles of micro-triangles")?;
             self.tiles.extend(tiles);
             self.extents[key].push(made.extents[key]);
         }
         self.patches.push(patch);
         self.thick = self.thick.and(made.thick);
+        Ok(())
     }
 }
 
