@@ -14,7 +14,7 @@ MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
                $(ATLAS_SEAMS)/atlas.usda $(ATLAS_SEAMS)/colours.exr $(ATLAS_SEAMS)/heights.exr \
                $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
-.PHONY: demo test bench plugin scenes fuzz leaks long-bounds deps build lint clean
+.PHONY: demo test bench plugin scenes fuzz leaks long-bounds budgets deps build lint clean
 
 demo: build scenes
 	mkdir -p $(OUT)
@@ -99,6 +99,11 @@ leaks: build
 # A billion displaced points against the bounds of what they are on, ten minutes on one core.
 long-bounds: deps
 	RELIEVO_EFFORT=240 cargo test --release $(CARGO_FLAGS) --lib no_displaced_point_is_outside -- --nocapture
+
+# Renders by all methods of what would take 40 GB as triangles, within 0.7 to 6 GB, and of what is advised where it does not
+# fit; half an hour.
+budgets: deps
+	RELIEVO_EFFORT=100 cargo test --release $(CARGO_FLAGS) --test main whatever_a_scene_would_take -- --nocapture
 
 # Looks for what is missing, and installs it with apt-get where there is one.
 deps:

@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 
 mod room;
 
-pub use room::{SMALL_PIECES, filled, is_there, more_room, room_for};
+pub use room::{SMALL_PIECES, filled, is_there, more_room, none_left, room_for};
 
 /// How much the program may have in memory, if there is a limit. Clones are the same budget.
 #[derive(Debug, Clone, Default)]
@@ -114,7 +114,7 @@ impl Budget {
     pub fn exceeded(&self, what: impl std::fmt::Display) -> Error {
         let (Some(limit), Some(left), true) = (self.limit(), self.left(), is_there(SMALL_PIECES))
         else {
-            return room::none_left(what);
+            return none_left(what);
         };
         Error::Memory {
             message: format!(

@@ -1,6 +1,7 @@
 //! A memory budget holds for the whole program, as the system sees it; what does not fit is refused before it is begun,
 //! and what is said to fit fits.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
@@ -132,6 +133,27 @@ fn stats(bench: &Bench) -> Value {
     serde_json::from_str(&text).expect("JSON")
 }
 
+/// Of one scene, whatever it is told otherwise.
+struct Tried(BTreeMap<Vec<String>, Watched>);
+
+impl Tried {
+    fn render(&mut self, bench: &Bench, more: &[&str]) -> &Watched {
+        let key = more.iter().map(|&word| word.to_owned()).collect();
+        self.0
+            .entry(key)
+            .or_insert_with(|| render(bench, "scene.usda", more))
+    }
+}
+
+/// What is advised after an option's name.
+fn advised(said: &str, option: &str) -> Option<String> {
+    let (_, help) = said.split_once("help:")?;
+    let (_, after) = help.split_once(&format!("{option} "))?;
+    let after = after.strip_prefix("to ").unwrap_or(after);
+    let is_of_value = |c: &char| c.is_alphanumeric() || "-.".contains(*c);
+    Some(after.chars().take_while(is_of_value).collect())
+}
+
 /// Nothing but the scene and whole files.
 fn is_clean(folder: &Path, kept: &[&str]) -> bool {
     let entries = std::fs::read_dir(folder).expect("a folder");
@@ -214,17 +236,9 @@ fn what_is_said_to_fit_fits() {
         println!("{}", run.said);
         let mut tried = 0;
         for option in ["--method", "--dicing-rate", "--memory-budget"] {
-            let (_, help) = run.said.split_once("help:").expect("it says what to do");
-            let Some((_, after)) = help
-                .split_once(&format!("{option} "))
-                .map(|(before, after)| (before, after.strip_prefix("to ").unwrap_or(after)))
-            else {
+            let Some(value) = advised(&run.said, option) else {
                 continue;
             };
-            let value: String = after
-                .chars()
-                .take_while(|c| c.is_alphanumeric() || "-.".contains(*c))
-                .collect();
             let mut other: Vec<&str> = asked.to_vec();
             match other.iter().position(|word| *word == option) {
                 Some(at) => other[at + 1] = &value,
@@ -345,5 +359,110 @@ fn a_store_and_textures_are_held_to_the_budget() {
             run.peak
         );
         assert!(code == 0 || run.said.contains("textures"), "{}", run.said);
+    }
+}
+
+/// 4.8 million micro-triangles, times `RELIEVO_EFFORT`: at 100 (`make budgets`) they would take 40 GB as Embree's triangles.
+#[test]
+fn whatever_a_scene_would_take_a_render_keeps_to_its_budget() {
+    let effort: u64 = (std::env::var("RELIEVO_EFFORT").ok())
+        .and_then(|effort| effort.parse().ok())
+        .unwrap_or(1);
+    let bench = Bench::new();
+    bench.write("scene.usda", field(0));
+    let program = program(&bench);
+    let rate = format!("{:.4}", 0.35 / (effort as f64).sqrt());
+    let mut tried = Tried(BTreeMap::new());
+    for more in [4, 9, 18, 55].map(|share| 24 + share * effort) {
+        let budget = format!("{}M", program + more);
+        let limit = ((program + more) << 20) as f64;
+        let names = Method::ALL.map(Method::name);
+        for method in names.into_iter().chain(["auto"]) {
+            let mut kept = |method: &str, rate: &str| {
+                let asked = ["--method", method, "--memory-budget", &budget];
+                let more = ["--dicing-rate", rate, "--max-segments", "4096"];
+                let run = tried.render(&bench, &[asked, more].concat());
+                println!(
+                    "{method:20} at {rate:6} within {budget:>6}: exit code {}, {:5} MiB, {:.2} of it",
+                    run.code,
+                    run.peak >> 20,
+                    run.peak as f64 / limit
+                );
+                assert!(run.peak as f64 <= 1.05 * limit, "{method}: {}", run.peak);
+                (run.code, run.said.clone())
+            };
+            let (code, said) = kept(method, &rate);
+            if code == 0 {
+                continue;
+            }
+            assert_eq!(code, 4, "{method} within {budget}: {said}");
+            assert!(advised(&said, "--memory-budget").is_some(), "{said}");
+            // What is advised instead is done.
+            if let Some(other) = advised(&said, "--method") {
+                assert_eq!(kept(&other, &rate).0, 0, "{method} within {budget}: {said}");
+            }
+            if let Some(coarser) = advised(&said, "--dicing-rate") {
+                let (code, then) = kept(method, &coarser);
+                assert_eq!(code, 0, "{method} within {budget}: {said}, {then}");
+            }
+        }
+    }
+}
+
+/// The program under a limit of its address space, which is the shell's to set: whatever is refused by the system ends it
+/// with exit code 4, not by a signal, and leaves no file behind.
+#[test]
+fn where_the_system_has_no_more_a_render_ends_with_exit_code_4() {
+    const CELLS: usize = 16;
+    let mut obj = String::new();
+    for (i, j) in (0..=CELLS).flat_map(|j| (0..=CELLS).map(move |i| (i, j))) {
+        obj += &format!("v {i} {j} {}\n", (7 * i + 5 * j) % 4);
+    }
+    for (i, j) in (0..CELLS).flat_map(|j| (0..CELLS).map(move |i| (i, j))) {
+        let at = |i: usize, j: usize| j * (CELLS + 1) + i + 1;
+        let corners = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
+        obj += &format!("f {}\n", corners.map(|v| v.to_string()).join(" "));
+    }
+    let bench = Bench::new();
+    bench.write("scene.obj", obj);
+    let within = |mebibytes: u64, method: &str, rate: &str| {
+        let arguments = ["render", "scene.obj", "--progress", "none", "--spp", "1"];
+        let more = ["-t", "2", "--res", "240", "160", "-o", "out.exr"];
+        let how = ["--method", method, "--dicing-rate", rate];
+        let program = bench.command(&[&arguments[..], &more, &how].concat());
+        let mut shell = Command::new("sh");
+        let limited = format!("ulimit -v {}; exec \"$0\" \"$@\"", mebibytes << 10);
+        shell.current_dir(bench.folder()).args(["-c", &limited]);
+        shell.arg(program.get_program()).args(program.get_args());
+        let _ = std::fs::remove_file(bench.path("out.exr"));
+        watched(shell)
+    };
+    // The least in which a coarse picture is made: libraries and threads take address space of their own.
+    let mut least = 400;
+    while within(least, "embree-grid", "100").code != 0 {
+        least += 50;
+        assert!(least < 4000, "it needs all that?");
+    }
+    let names = Method::ALL.map(Method::name);
+    for method in names.into_iter().chain(["auto"]) {
+        let mut codes = Vec::new();
+        for more in [0, 20, 40, 80, 160, 320, 1000] {
+            let run = within(least + more, method, "0.12");
+            assert!(
+                [0, 4].contains(&run.code),
+                "{method}, {} MiB: {}: {}",
+                least + more,
+                run.code,
+                run.said
+            );
+            let picture: &[&str] = if run.code == 0 { &["out.exr"] } else { &[] };
+            assert!(
+                is_clean(bench.folder(), &[&["scene.obj"], picture].concat()),
+                "{method}"
+            );
+            codes.push(run.code);
+        }
+        println!("{method}, {least} MiB and more: {codes:?}");
+        assert_eq!(codes.last(), Some(&0), "{method}");
     }
 }

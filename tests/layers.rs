@@ -22,7 +22,7 @@ const LAYERS: [(&str, &[&str]); 24] = [
     ("image", &["error", "math", "store"]),
     // Statistics are written like pictures: whole or not at all.
     ("stats", &["error", "memory", "image"]),
-    ("scene", &["error", "math", "mesh", "image"]),
+    ("scene", &["error", "memory", "math", "mesh", "image"]),
     ("subdiv", &["error", "math", "mesh"]),
     ("nurbs", &["error", "math", "mesh"]),
     (

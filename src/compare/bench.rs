@@ -329,6 +329,10 @@ fn build(method: Choice, prepared: &[Prepared], options: &CompareOptions) -> Res
     let before = device.memory();
     let methods = methods(method, prepared, &options.memory_budget);
     let has_cache = methods.contains(&Method::Cache);
+    if has_cache {
+        let size = options.cache_size.0 as u64;
+        options.memory_budget.ask(size, "the cache")?;
+    }
     let cache = Method::Cache.cache(if has_cache {
         options.cache_size
     } else {

@@ -136,6 +136,10 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
             if method == Method::EmbreeSubdivision && embree.is_none() {
                 continue;
             }
+            if method == Method::Cache {
+                let size = options.cache_size.0 as u64;
+                options.memory_budget.ask(size, "the cache")?;
+            }
             let cache = method.cache(options.cache_size);
             let traced = prepared.build(method, &prepared.rates, &device, &cache)?;
             let leaks = if prepared.object.surface.is_closed() {

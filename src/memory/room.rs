@@ -54,7 +54,7 @@ fn refused<T>(count: usize, what: &str) -> Error {
 }
 
 /// That the system has no more: `what` is said first.
-pub(super) fn none_left(what: impl std::fmt::Display) -> Error {
+pub fn none_left(what: impl std::fmt::Display) -> Error {
     Error::Memory {
         message: format!("{what}, and the system has no more memory for this program"),
         help: Some(

@@ -10,17 +10,27 @@ pub use description::*;
 use std::path::Path;
 
 use crate::error::{Error, Fault, Result};
+use crate::memory::{SMALL_PIECES, amount, is_there, none_left};
 
 /// Reads a scene by its file name's ending: `.usd`, `.usda`, `.usdc`, `.usdz` or `.obj`.
 ///
 /// # Errors
-/// Bad input, with file and prim, for a file that cannot be read, composed or checked.
+/// Bad input, with file and prim, for a file that cannot be read, composed or checked; [`Error::Memory`] if the system has
+/// no room for what is in it.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Description> {
     let ending = path
         .extension()
         .and_then(|e| e.to_str())
         .unwrap_or_default()
         .to_ascii_lowercase();
+    let needed = expected_memory(path).saturating_add(SMALL_PIECES as u64);
+    if !is_there(usize::try_from(needed).unwrap_or(usize::MAX)) {
+        return Err(none_left(format!(
+            "reading {} takes about {}",
+            path.display(),
+            amount(needed as f64)
+        )));
+    }
     match ending.as_str() {
         "usd" | "usda" | "usdc" | "usdz" => usd::load(path, options),
         "obj" => obj::load(path, options),

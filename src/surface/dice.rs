@@ -27,6 +27,9 @@ use crate::error::{Error, Result};
 use crate::math::{Vec2, Vec3};
 use crate::memory::filled;
 
+/// Points of a face that are evaluated at once, about: each takes some ten times its own size meanwhile.
+const POINTS_AT_ONCE: usize = 1 << 16;
+
 /// A face's part of a [`Diced`] surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FaceGrid {
@@ -379,7 +382,14 @@ impl Surface {
         scratch: &mut Scratch,
         out: &mut [Vec3],
     ) {
-        self.dice_rows(grid, 0..=grid.size[1], key, shared, scratch, out);
+        let [columns, rows] = grid.vertices().map(|n| n as usize);
+        assert_eq!(out.len(), columns * rows, "{grid:?}");
+        let at_once = (POINTS_AT_ONCE / columns).max(1);
+        let firsts = (0..rows).step_by(at_once);
+        for (first, out) in firsts.zip(out.chunks_mut(at_once * columns)) {
+            let last = first + out.len() / columns - 1;
+            self.dice_rows(grid, first as u16..=last as u16, key, shared, scratch, out);
+        }
     }
 
     /// Dices some rows of a face's vertices, as [`dice_face`](Self::dice_face) does with all of them.

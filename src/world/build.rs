@@ -161,6 +161,9 @@ impl World {
         }
         let known = options.held_beside as u64 + known(description, &prepared, &textures);
         let plan = plan(&prepared, options, budget, known)?;
+        if let Some(size) = plan.cache {
+            budget.ask(size.0 as u64, "the cache")?;
+        }
         let before = resident();
         let cache = Method::Cache.cache(plan.cache.unwrap_or(CacheSize(0)));
         let written = resident().unwrap_or(0).saturating_sub(before.unwrap_or(0));

@@ -16,7 +16,7 @@ use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
-use crate::memory::more_room;
+use crate::memory::{more_room, room_for};
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
 /// What most of the memory is for.
@@ -81,7 +81,7 @@ impl Compact {
         let error = (options.max_error).units(diagonal, rates.pixels_per_unit())?;
         let mut lattice = lattice(&bounds, error);
         loop {
-            match Builder::new(surface, rates, &shared, lattice).run(progress) {
+            match Builder::new(surface, rates, &shared, lattice)?.run(progress) {
                 Ok(mut built) => {
                     built.accuracy.asked = error.into();
                     built.accuracy.diagonal = diagonal.into();
@@ -137,26 +137,39 @@ impl<'a> Builder<'a> {
         rates: &Rates,
         shared: &'a [SharedSamples],
         lattice: Lattice,
-    ) -> Self {
+    ) -> Result<Self> {
         let base = surface.base();
         let grids: Vec<FaceGrid> = (0..base.faces())
             .filter(|&face| !base.is_hole(face))
             .map(|face| FaceGrid::new(surface, rates, face))
             .collect();
-        Self {
+        // Room for all of them from the start: what grows is copied, and is there twice for a moment.
+        let of_grid = |grid: &FaceGrid| -> usize {
+            let along = |n: u16| usize::from(n).div_ceil(SPAN);
+            grid.size.map(along).iter().product()
+        };
+        let count = grids.iter().map(of_grid).sum();
+        let what = "patches of micro-triangles";
+        let mut extents = Vec::with_capacity(shared.len());
+        let mut nodes = Vec::with_capacity(shared.len());
+        for _ in shared {
+            extents.push(room_for(count, what)?);
+            nodes.push(room_for(count, what)?);
+        }
+        Ok(Self {
             surface,
             shared,
             lattice,
             grids,
             keys: base.keys(),
-            patches: Vec::new(),
+            patches: room_for(count, what)?,
             data: Vec::new(),
             largest: 0.0,
             squares: 0.0,
             vertices: 0,
-            extents: vec![Vec::new(); shared.len()],
-            nodes: vec![Vec::new(); shared.len()],
-        }
+            extents,
+            nodes,
+        })
     }
 
     fn run(mut self, progress: &dyn Fn(f64) -> bool) -> Result<Compact, Stop> {

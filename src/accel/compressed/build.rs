@@ -6,7 +6,7 @@
 
 use rayon::prelude::*;
 
-use super::patch::{Fan, Patch, first, patches};
+use super::patch::{self, Fan, Patch, first, patches};
 use super::tile::{FAN, Tile};
 use super::{Compressed, fit};
 use crate::accel::boxes::Boxes;
@@ -16,7 +16,7 @@ use crate::accel::simd::{Isa, LANES};
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Vec3};
-use crate::memory::more_room;
+use crate::memory::room_for;
 use crate::stats::AchievedError;
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
@@ -76,7 +76,7 @@ impl Compressed {
         let bounds = SharedSamples::bounds(surface, &shared);
         let mut lattice = Lattice::around(&bounds, 0.0);
         loop {
-            match Builder::new(surface, rates, &shared, lattice).run(progress) {
+            match Builder::new(surface, rates, &shared, lattice)?.run(progress) {
                 Ok(mut built) => {
                     // Steps of the lattice become diagonals and pixels.
                     let (thick, step) = (&mut built.thick, lattice.step());
@@ -117,23 +117,42 @@ impl<'a> Builder<'a> {
         rates: &Rates,
         shared: &'a [SharedSamples],
         lattice: Lattice,
-    ) -> Self {
+    ) -> Result<Self> {
         let base = surface.base();
         let grids: Vec<FaceGrid> = (0..base.faces())
             .filter(|&face| !base.is_hole(face))
             .map(|face| FaceGrid::new(surface, rates, face))
             .collect();
-        Self {
+        // Room for all of them from the start: what grows is copied, and is there twice for a moment.
+        let of_all = |along: fn(usize) -> usize| {
+            let of_grid =
+                |grid: &FaceGrid| grid.size.map(|n| along(n.into())).iter().product::<usize>();
+            grids.iter().map(of_grid).sum::<usize>()
+        };
+        let patches = of_all(patches);
+        let tiles = shared.len() * of_all(patch::tiles_of_patches);
+        u32::try_from(tiles).map_err(|_| Error::Memory {
+            message: "one object takes more than 256 GB of compressed tiles".into(),
+            help: Some("Raise the dicing rate, or lower the most segments of an edge.".into()),
+        })?;
+        let what = "patches of micro-triangles";
+        let mut extents = Vec::with_capacity(shared.len());
+        let mut fans = Vec::with_capacity(shared.len());
+        for _ in shared {
+            extents.push(room_for(patches, what)?);
+            fans.push(room_for(patches, what)?);
+        }
+        Ok(Self {
             surface,
             shared,
             lattice,
             grids,
-            patches: Vec::new(),
-            tiles: Vec::new(),
-            extents: vec![Vec::new(); shared.len()],
-            fans: vec![Vec::new(); shared.len()],
+            patches: room_for(patches, what)?,
+            tiles: room_for(tiles, "tiles of micro-triangles")?,
+            extents,
+            fans,
             thick: Thick::default(),
-        }
+        })
     }
 
     fn run(mut self, progress: &dyn Fn(f64) -> bool) -> Result<Compressed, Stop> {
@@ -155,6 +174,7 @@ impl<'a> Builder<'a> {
         if !progress(1.0) {
             return Err(Stop::Error(Error::Interrupted));
         }
+        debug_assert_eq!(self.tiles.len(), self.tiles.capacity(), "all were counted");
         self.tiles.shrink_to_fit();
         let extents = self.extents.iter().flatten();
         let all = extents.copied().fold(Extent::EMPTY, Extent::union);
@@ -201,16 +221,10 @@ impl<'a> Builder<'a> {
             .collect();
         for band in bands {
             for made in band? {
-                self.join(made).map_err(Stop::Error)?;
+                self.join(made);
             }
         }
-        if u32::try_from(self.tiles.len()).is_ok() {
-            return Ok(());
-        }
-        Err(Stop::Error(Error::Memory {
-            message: "one object takes more than 256 GB of compressed tiles".into(),
-            help: Some("Raise the dicing rate, or lower the most segments of an edge.".into()),
-        }))
+        Ok(())
     }
 
     fn band(&self, place: Place, work: &mut Work) -> Result<Vec<Made>, Stop> {
@@ -257,7 +271,7 @@ impl<'a> Builder<'a> {
     }
 
     /// Adds a patch.
-    fn join(&mut self, made: Made) -> Result<()> {
+    fn join(&mut self, made: Made) {
         let mut patch = made.patch;
         if patch.is_single() {
             patch.root = self.tiles.len() as u32;
@@ -271,13 +285,11 @@ impl<'a> Builder<'a> {
                     first: self.tiles.len() as u32,
                 });
             }
-            more_room(&mut self.tiles, tiles.len(), "tiles of micro-triangles")?;
             self.tiles.extend(tiles);
             self.extents[key].push(made.extents[key]);
         }
         self.patches.push(patch);
         self.thick = self.thick.and(made.thick);
-        Ok(())
     }
 }
 

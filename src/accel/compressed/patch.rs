@@ -98,3 +98,10 @@ pub(super) fn first(patch: usize, quads: usize) -> usize {
 pub(super) fn tiles(quads: usize) -> usize {
     ((quads + TILE / 2) / TILE).max(1)
 }
+
+/// Tiles of all patches along such a side.
+pub(super) fn tiles_of_patches(quads: usize) -> usize {
+    (0..patches(quads))
+        .map(|patch| tiles(first(patch + 1, quads) - first(patch, quads)))
+        .sum()
+}

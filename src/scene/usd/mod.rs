@@ -30,6 +30,7 @@ use openusd::usd::Stage;
 
 use crate::error::{Error, Fault, Result};
 use crate::math::Vec3;
+use crate::memory::{SMALL_PIECES, is_there, none_left};
 use crate::scene::{Description, LoadOptions};
 
 /// Stack of the reading thread: virtual, touched only as deep as the file goes.
@@ -44,6 +45,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Description> {
     let path = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     check_file(&path)?;
     let (file, options) = (path.clone(), options.clone());
+    if !is_there(STACK + SMALL_PIECES) {
+        return Err(none_left("the USD reader takes a thread of its own"));
+    }
     let reader = std::thread::Builder::new()
         .name("usd".into())
         .stack_size(STACK)
