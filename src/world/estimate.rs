@@ -105,13 +105,13 @@ impl Method {
             // Embree has copies of the points and of indices, 12 bytes a triangle, beside its tree.
             Self::EmbreeTriangles => Need {
                 held: points + grids + (12 + 68 * keys) * triangles,
-                dicing: points + shared + 12 * triangles,
+                dicing: 2 * points + shared + 12 * triangles,
                 commit: 28 * keys * triangles,
             },
             // A leaf is a grid of 2 x 2 quads.
             Self::EmbreeGrid | Self::EmbreeGridCompact => Need {
                 held: points + 2 * grids + 72 * keys * counts.of_2,
-                dicing: points + shared,
+                dicing: 2 * points + shared,
                 commit: 34 * keys * counts.of_2,
             },
             Self::EmbreeSubdivision => Need {
