@@ -100,8 +100,8 @@ leaks: build
 long-bounds: deps
 	RELIEVO_EFFORT=240 cargo test --release $(CARGO_FLAGS) --lib no_displaced_point_is_outside -- --nocapture
 
-# Renders by all methods of what would take 40 GB as triangles, within 0.7 to 6 GB, and of what is advised where it does not
-# fit; half an hour.
+# Renders by all methods of what would take 40 GB as triangles, within 0.6 to 6 GB, and of what is advised where it does not
+# fit; an hour.
 budgets: deps
 	RELIEVO_EFFORT=100 cargo test --release $(CARGO_FLAGS) --test main whatever_a_scene_would_take -- --nocapture
 

@@ -409,6 +409,26 @@ fn whatever_a_scene_would_take_a_render_keeps_to_its_budget() {
     }
 }
 
+#[test]
+fn comparisons_keep_to_a_budget_too() {
+    let bench = Bench::new();
+    bench.write("scene.usda", field(0));
+    let program = program(&bench);
+    for command in ["bench", "verify"] {
+        for (more, code) in [(8, 4), (600, 0)] {
+            let budget = format!("{}M", program + more);
+            let arguments = [command, "scene.usda", "--methods", "embree-triangles"];
+            let how = ["--micro-triangles", "200000", "--rays", "1000"];
+            let within = ["--memory-budget", &budget];
+            let run = watched(bench.command(&[&arguments[..], &how, &within].concat()));
+            assert_eq!(run.code, code, "{command} within {budget}: {}", run.said);
+            assert!(code == 0 || run.said.contains("raise --memory-budget"));
+            let limit = ((program + more) << 20) as f64;
+            assert!(run.peak as f64 <= 1.05 * limit, "{command}: {}", run.peak);
+        }
+    }
+}
+
 /// The program under a limit of its address space, which is the shell's to set: whatever is refused by the system ends it
 /// with exit code 4, not by a signal, and leaves no file behind.
 #[test]
