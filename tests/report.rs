@@ -125,6 +125,55 @@ fn every_method_of_every_scene_is_shown() {
     assert_eq!(files, 4);
 }
 
+/// A curve of speed against detail, where a scene is measured at several numbers of micro-triangles; and ratios to any
+/// method.
+#[test]
+fn detail_is_drawn_and_any_method_may_be_the_measure() {
+    let bench = Bench::new();
+    bench.write("one.usda", TETRAHEDRON);
+    let options = "bench one.usda --json --rays 500 --micro-triangles 500 --and-at 1000,4000 --methods dbvh,compact \
+                   --relative-to compact --report out.html";
+    let printed = bench.report(&options.split_whitespace().collect::<Vec<_>>());
+    let all = printed.as_array().expect("several");
+    let counts: Vec<u64> = (all.iter())
+        .map(|one| one["rows"][0]["micro_triangles"].as_u64().expect("a count"))
+        .collect();
+    assert!(
+        counts.is_sorted_by(|a, b| 2 * a <= 3 * b) && counts.len() == 3,
+        "{counts:?}"
+    );
+    for one in all {
+        assert_eq!(one["relative_to"], "compact");
+        let rows = one["rows"].as_array().expect("rows");
+        let names: Vec<_> = rows.iter().map(|row| row["method"].as_str()).collect();
+        assert_eq!(names, [Some("dbvh"), Some("compact")]);
+        assert_eq!(rows[1]["ratio"]["primary"]["1"], 1.0);
+    }
+    let html = fs::read_to_string(bench.path("out.html")).expect("a page");
+    let options = ParsingOptions {
+        allow_dtd: true,
+        ..ParsingOptions::default()
+    };
+    let page = Document::parse_with_options(&html, options).expect("well-formed");
+    assert_eq!(elements(page.root(), (HTML, "section")).count(), 3);
+    let named = |name: &str| {
+        let mut plots = elements(page.root(), (SVG, "svg"));
+        plots
+            .find(|plot| plot.attribute("aria-label") == Some(name))
+            .map(|plot| plot.descendants().count())
+    };
+    let curve = named("Detail against speed on one.usda").expect("a curve");
+    // A mark for each method, kind of rays and number of micro-triangles at least.
+    assert!(curve > 12, "{curve}");
+
+    let mut command = bench.command(&["bench", "one.usda", "--relative-to", "auto"]);
+    expect(
+        said(&command.output().expect("the program runs")),
+        2,
+        &["--relative-to"],
+    );
+}
+
 #[test]
 fn a_place_that_cannot_be_written_to_is_told_of_before_anything_is_measured() {
     let bench = Bench::new();

@@ -61,24 +61,34 @@ const BINS: usize = 16;
 
 impl Top {
     /// Over the boxes of patches, given key by key. Also the order in which it wants the patches.
-    pub(super) fn new(patches: &[Vec<Extent>]) -> (Self, Vec<u32>) {
-        let mut leaves: Vec<Leaf> = patches.first().map_or_else(Vec::new, |first| {
-            let numbers = 0..first.len();
-            numbers
-                .map(|patch| {
-                    let all = patches.iter().map(|key| key[patch]);
-                    Leaf::new(patch as u32, all.fold(Extent::EMPTY, Extent::union))
-                })
-                .collect()
-        });
+    pub(super) fn new(mut patches: Vec<Vec<Extent>>) -> (Self, Vec<u32>) {
+        let (first, later) = match patches.split_first() {
+            Some((first, later)) => (first.as_slice(), later),
+            None => (&[][..], &[][..]),
+        };
+        let leaf = |(patch, &extent): (usize, &Extent)| Leaf {
+            patch: patch as u32,
+            extent: later.iter().fold(extent, |all, key| all.union(key[patch])),
+        };
+        let mut leaves: Vec<Leaf> = first.iter().enumerate().map(leaf).collect();
+        if later.is_empty() {
+            // Leaves have them all: of very many, no second copy is held.
+            patches.clear();
+        }
         let mut links = Vec::new();
         if !leaves.is_empty() {
             links.push(Links::default());
             split(&mut leaves, Place::default(), &mut links);
         }
-        let order: Vec<u32> = leaves.iter().map(|leaf| leaf.patch).collect();
         let count = links.len();
-        let nodes = nodes(&links, patches, |patch| order[patch as usize] as usize).into();
+        let nodes = if patches.is_empty() {
+            nodes_of_key(&links, |patch| leaves[patch as usize].extent)
+        } else {
+            let number = |patch: u32| leaves[patch as usize].patch as usize;
+            nodes(&links, &patches, number)
+        };
+        let order = leaves.iter().map(|leaf| leaf.patch).collect();
+        let nodes = nodes.into();
         (Self { nodes, count }, order)
     }
 
@@ -189,27 +199,31 @@ impl Top {
 
 /// Nodes around patches, key by key; `number` says which patch a leaf is.
 fn nodes(links: &[Links], patches: &[Vec<Extent>], number: impl Fn(u32) -> usize) -> Vec<TopNode> {
-    let mut nodes = Vec::with_capacity(links.len() * patches.len());
-    for key in patches {
-        let mut extents = vec![Extent::EMPTY; links.len()];
-        let mut of_key = Vec::with_capacity(links.len());
-        for (node, &links) in links.iter().enumerate().rev() {
-            let mut children = [Extent::EMPTY; LANES];
-            for (c, extent) in children.iter_mut().enumerate().take(links.children.into()) {
-                *extent = match links.child(c) {
-                    Child::Node(node) => extents[node as usize],
-                    Child::Patch(patch) => key[number(patch)],
-                };
-            }
-            extents[node] = children.into_iter().fold(Extent::EMPTY, Extent::union);
-            of_key.push(TopNode {
-                boxes: Boxes::new(&children),
-                links,
-                zero: [0; 2],
-            });
+    (patches.iter())
+        .flat_map(|key| nodes_of_key(links, |patch| key[number(patch)]))
+        .collect()
+}
+
+/// Nodes around patches of the given boxes.
+fn nodes_of_key(links: &[Links], patch: impl Fn(u32) -> Extent) -> Vec<TopNode> {
+    let mut extents = vec![Extent::EMPTY; links.len()];
+    let mut nodes = Vec::with_capacity(links.len());
+    for (node, &links) in links.iter().enumerate().rev() {
+        let mut children = [Extent::EMPTY; LANES];
+        for (c, extent) in children.iter_mut().enumerate().take(links.children.into()) {
+            *extent = match links.child(c) {
+                Child::Node(node) => extents[node as usize],
+                Child::Patch(number) => patch(number),
+            };
         }
-        nodes.extend(of_key.into_iter().rev());
+        extents[node] = children.into_iter().fold(Extent::EMPTY, Extent::union);
+        nodes.push(TopNode {
+            boxes: Boxes::new(&children),
+            links,
+            zero: [0; 2],
+        });
     }
+    nodes.reverse();
     nodes
 }
 
@@ -240,18 +254,12 @@ impl Links {
 struct Leaf {
     patch: u32,
     extent: Extent,
-    /// Twice its middle.
-    centre: [i64; 3],
 }
 
 impl Leaf {
-    fn new(patch: u32, extent: Extent) -> Self {
-        let centre = [0, 1, 2].map(|k| i64::from(extent.min[k]) + i64::from(extent.max[k]));
-        Self {
-            patch,
-            extent,
-            centre,
-        }
+    /// Twice its middle along an axis.
+    fn centre(&self, k: usize) -> i64 {
+        i64::from(self.extent.min[k]) + i64::from(self.extent.max[k])
     }
 }
 
@@ -291,12 +299,12 @@ fn split(leaves: &mut [Leaf], place: Place, nodes: &mut Vec<Links>) {
     }
     // Nodes first, so that patches are one after the other.
     let (many, single): (Vec<_>, Vec<_>) = parts.into_iter().partition(|part| part.len() > 1);
-    let sorted: Vec<Leaf> = many
-        .iter()
-        .chain(&single)
-        .flat_map(|part| leaves[part.clone()].iter().copied())
-        .collect();
-    leaves.copy_from_slice(&sorted);
+    if !single.is_empty() {
+        let sorted: Vec<Leaf> = (many.iter().chain(&single))
+            .flat_map(|part| leaves[part.clone()].iter().copied())
+            .collect();
+        leaves.copy_from_slice(&sorted);
+    }
     let below = leaves.len() - single.len();
     nodes[place.node] = Links {
         first_node: nodes.len() as u32,
@@ -330,7 +338,7 @@ fn halve(leaves: &mut [Leaf], by_count: bool) -> usize {
     let [low, high] = centres(leaves);
     let axis = (0..3).max_by_key(|&k| high[k] - low[k]).unwrap_or(0);
     let middle = leaves.len() / 2;
-    leaves.select_nth_unstable_by_key(middle, |leaf| (leaf.centre[axis], leaf.patch));
+    leaves.select_nth_unstable_by_key(middle, |leaf| (leaf.centre(axis), leaf.patch));
     middle
 }
 
@@ -347,7 +355,7 @@ struct Cut {
 
 impl Cut {
     fn bin_of(&self, leaf: &Leaf) -> usize {
-        ((leaf.centre[self.axis] - self.low) * BINS as i64 / (self.reach + 1)) as usize
+        ((leaf.centre(self.axis) - self.low) * BINS as i64 / (self.reach + 1)) as usize
     }
 
     fn is_after(&self, leaf: &Leaf) -> bool {
@@ -394,7 +402,7 @@ fn centres(leaves: &[Leaf]) -> [[i64; 3]; 2] {
         .iter()
         .fold([[i64::MAX; 3], [i64::MIN; 3]], |[low, high], leaf| {
             let pick =
-                |a: [i64; 3], f: fn(i64, i64) -> i64| [0, 1, 2].map(|k| f(a[k], leaf.centre[k]));
+                |a: [i64; 3], f: fn(i64, i64) -> i64| [0, 1, 2].map(|k| f(a[k], leaf.centre(k)));
             [pick(low, i64::min), pick(high, i64::max)]
         })
 }
@@ -467,7 +475,7 @@ mod tests {
                     (0..count).map(one).collect()
                 })
                 .collect();
-            let (top, order) = Top::new(&patches);
+            let (top, order) = Top::new(patches.clone());
             for (key, extents) in patches.iter().enumerate() {
                 let mut met = Vec::new();
                 if let Some(root) = top.root() {

@@ -3,10 +3,14 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use relievo::Result;
-use relievo::compare::{BenchOptions, Measured, bench, check_report, report_json, write_report};
+use relievo::compare::{
+    BenchOptions, Fineness, Measured, bench, check_report, report_json, write_report,
+};
+use relievo::world::Choice;
+use relievo::{Error, Result};
 
 use super::compare::{Compare, moved};
+use super::method::MethodArgument;
 
 /// Measure all ways of tracing on one set of rays: memory, building, millions of rays a second.
 #[derive(Debug, Args)]
@@ -16,6 +20,14 @@ pub(crate) struct Bench {
     scenes: Vec<PathBuf>,
     #[command(flatten)]
     compare: Compare,
+    /// Measure at these numbers of micro-triangles, too, with commas between: --report then draws speed against detail.
+    #[arg(long, value_delimiter = ',', value_name = "N", conflicts_with = "dicing_rate",
+        value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
+    and_at: Vec<u64>,
+    /// Compare speeds with those of this method, and let rays leave from where it is hit. Triangles of very many
+    /// micro-triangles may not fit into memory.
+    #[arg(long, value_name = "METHOD", default_value = "embree-triangles")]
+    relative_to: MethodArgument,
     /// Print JSON instead of a table: one object, or an array of them for several scenes.
     #[arg(long)]
     json: bool,
@@ -41,24 +53,38 @@ impl Bench {
             .iter()
             .map(|path| Ok((path, self.compare.load(path)?)))
             .collect::<Result<Vec<_>>>()?;
-        let options = BenchOptions {
-            compare: self.compare.options(self.rays),
-            distances: self.report.is_some(),
+        let MethodArgument(Choice::One(relative_to)) = self.relative_to else {
+            return Err(Error::usage(
+                "--relative-to auto is not one method",
+                "name the method that speeds are to be compared with",
+            ));
         };
-        let mut all = Vec::with_capacity(scenes.len());
+        let and_at = self.and_at.iter().copied().map(Fineness::MicroTriangles);
+        let finenesses: Vec<Fineness> = [self.compare.fineness()]
+            .into_iter()
+            .chain(and_at)
+            .collect();
+        let mut all = Vec::with_capacity(scenes.len() * finenesses.len());
         for (path, scene) in scenes {
-            let measured = Measured {
-                scene: path.display().to_string(),
-                bench: bench(&scene, &options)?,
-            };
-            self.compare.warn(&measured.bench.warnings);
-            if !self.json {
-                if self.scenes.len() > 1 {
-                    super::print(format!("{}\n", measured.scene).as_bytes())?;
+            for &fineness in &finenesses {
+                let options = BenchOptions {
+                    compare: self.compare.options(fineness, self.rays),
+                    relative_to,
+                    distances: self.report.is_some(),
+                };
+                let measured = Measured {
+                    scene: path.display().to_string(),
+                    bench: bench(&scene, &options)?,
+                };
+                self.compare.warn(&measured.bench.warnings);
+                if !self.json {
+                    if self.scenes.len() > 1 {
+                        super::print(format!("{}\n", measured.scene).as_bytes())?;
+                    }
+                    super::print(table(&measured.bench).as_bytes())?;
                 }
-                super::print(table(&measured.bench).as_bytes())?;
+                all.push(measured);
             }
-            all.push(measured);
         }
         if let Some(path) = &self.report {
             write_report(path, &all)?;
@@ -71,9 +97,9 @@ impl Bench {
 }
 
 fn table(bench: &relievo::compare::Bench) -> String {
-    let machine = &bench.machine;
+    let (machine, relative_to) = (&bench.machine, bench.relative_to);
     let mut text = format!(
-        "{}, {} threads, Embree {}\n{:20} {:>10} {:>8} {:>8}  Mrays/s by threads, and as a ratio to embree-triangles\n",
+        "{}, {} threads, Embree {}\n{:20} {:>10} {:>8} {:>8}  Mrays/s by threads, and as a ratio to {relative_to}\n",
         machine.processor,
         machine.threads,
         machine.embree,

@@ -21,8 +21,8 @@ pub(super) struct Compare {
     /// Length of a micro-edge in pixels, before the scene's camera.
     #[arg(long, conflicts_with = "micro_triangles")]
     dicing_rate: Option<f32>,
-    /// Dice all edges alike, so that about this many micro-triangles result.
-    #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=1 << 30))]
+    /// Dice all edges alike, so that about this many micro-triangles result. Edges have 4096 micro-edges at most.
+    #[arg(long, default_value_t = 100_000, value_parser = clap::value_parser!(u64).range(1..=1 << 40))]
     micro_triangles: u64,
     /// How far `compact` and `cache` may move micro-vertices: 0.25px is a quarter of a pixel at the closest view (with
     /// --dicing-rate), 1e-5 that part of the object's diagonal [default: 3.6e-5, and with --dicing-rate at most 0.25px]
@@ -60,7 +60,15 @@ impl Compare {
         Ok(scene)
     }
 
-    pub(super) fn options(&self, rays: u64) -> CompareOptions {
+    /// The fineness that was asked for.
+    pub(super) fn fineness(&self) -> Fineness {
+        match self.dicing_rate {
+            Some(rate) => Fineness::DicingRate(rate),
+            None => Fineness::MicroTriangles(self.micro_triangles),
+        }
+    }
+
+    pub(super) fn options(&self, fineness: Fineness, rays: u64) -> CompareOptions {
         let mut methods: Vec<Choice> = Vec::new();
         for &MethodArgument(method) in &self.methods {
             if !methods.contains(&method) {
@@ -74,10 +82,7 @@ impl Compare {
         let cache_size = CacheSize::default().0.min(eighth);
         CompareOptions {
             methods,
-            fineness: match self.dicing_rate {
-                Some(rate) => Fineness::DicingRate(rate),
-                None => Fineness::MicroTriangles(self.micro_triangles),
-            },
+            fineness,
             max_error: self.max_error.unwrap_or_default(),
             cache_size: self.cache.size().unwrap_or(CacheSize(cache_size)),
             memory_budget: self.memory_budget.into(),

@@ -29,7 +29,8 @@ pub(crate) struct Verify {
 impl Verify {
     pub(crate) fn run(self) -> Result<()> {
         let scene = self.compare.load(&self.scene)?;
-        let verified = verify(&scene, &self.compare.options(self.rays))?;
+        let options = self.compare.options(self.compare.fineness(), self.rays);
+        let verified = verify(&scene, &options)?;
         self.compare.warn(&verified.warnings);
         if self.json {
             let report = json!({"scene": self.scene, "rows": verified.rows});

@@ -3,12 +3,12 @@
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
 //! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
 //! scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
-//! scene. The hits are those of `embree-triangles`, for all methods.
+//! scene. The hits are those of `embree-triangles`, or of what else all others are compared with, for all methods.
 //!
 //! Distances are measured as [`verify()`](super::verify()) does, to the same surfaces diced four times as finely, or less
 //! where that would take too much memory. Such references are held as grids: those are the same micro-triangles, in a
 //! sixth of the memory. Most of these distances is what micro-triangles are off the smooth surface; what a method adds
-//! to that shows in the distances to `embree-triangles`, diced alike.
+//! to that shows in the distances to what they are compared with, diced alike.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -38,15 +38,14 @@ const ENOUGH_SECONDS: f64 = 0.5;
 /// Part of their time for which threads should have had processors.
 const ENOUGH_SHARE: f64 = 0.85;
 
-/// What all others are compared with.
-const TWIN: Choice = Choice::One(Method::EmbreeTriangles);
-
 /// What measuring is told.
 #[derive(Debug, Clone)]
 pub struct BenchOptions {
     /// What and how finely; primary rays, about.
     pub compare: CompareOptions,
-    /// Whether to measure distances to finely diced surfaces, too. It takes a while.
+    /// What all others are compared with, and whose hits rays leave from.
+    pub relative_to: Method,
+    /// Whether to measure distances to finely diced surfaces, and to what they are compared with, too. It takes a while.
     pub distances: bool,
 }
 
@@ -59,6 +58,8 @@ pub struct Bench {
     pub date: String,
     /// How many rays of each kind.
     pub rays: BTreeMap<&'static str, u64>,
+    /// What speeds are given as ratios to.
+    pub relative_to: &'static str,
     /// What distances were measured to, if they were.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
@@ -114,7 +115,7 @@ pub struct BenchRow {
     pub cache: Option<CacheUse>,
     /// Millions of rays a second.
     pub mrays: BySpeed,
-    /// That over the same of `embree-triangles`.
+    /// That over the same of what all are compared with.
     pub ratio: BySpeed,
     /// The root of the mean squared distance to the reference, in diagonals of each mesh's box, if it was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -122,7 +123,7 @@ pub struct BenchRow {
     /// The largest distance, likewise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_distance: Option<f64>,
-    /// The root of the mean squared distance to `embree-triangles` diced alike, likewise.
+    /// The root of the mean squared distance to what all are compared with, diced alike, likewise.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rms_to_triangles: Option<f64>,
     /// The largest distance to these.
@@ -195,8 +196,12 @@ impl Pool {
 /// # Errors
 /// If the scene cannot be built, or there is nothing in it to see.
 pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench> {
-    let distances = options.distances;
-    let options = &options.compare;
+    let BenchOptions {
+        compare: options,
+        relative_to,
+        distances,
+    } = options;
+    let relative_to = Choice::One(*relative_to);
     let mut warnings = Warnings::default();
     let all = objects(description, &options.memory_budget, &mut warnings)?;
     let view = camera(
@@ -209,8 +214,8 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
 
     let mut methods = options.methods.clone();
-    if !methods.contains(&TWIN) {
-        methods.insert(0, TWIN);
+    if !methods.contains(&relative_to) {
+        methods.insert(0, relative_to);
     }
     let mut entries: Vec<Entry> = Vec::new();
     for round in 0..REPEATS.div_ceil(2) {
@@ -234,7 +239,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     }
     let twin = entries
         .iter()
-        .position(|entry| entry.method == TWIN)
+        .position(|entry| entry.method == relative_to)
         .expect("it was put among the methods");
     let kinds = rays(&entries[twin].scene, &view);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
@@ -260,7 +265,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     for pool in &pools {
         pool.report(&mut warnings);
     }
-    let reference = if distances {
+    let reference = if *distances {
         measure_distances(&prepared, &mut entries, twin, options, &mut warnings)?
     } else {
         None
@@ -311,6 +316,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
         rays: (kinds.iter())
             .map(|(kind, rays)| (*kind, rays.len() as u64))
             .collect(),
+        relative_to: relative_to.name(),
         reference,
         rows,
         warnings,

@@ -67,7 +67,7 @@ impl Cached {
             }
         };
         let reach = reach(&extents);
-        let (top, order) = Top::new(&extents);
+        let (top, order) = Top::new(extents);
         let patches: Vec<Patch> = order.iter().map(|&n| patches[n as usize]).collect();
         let faces: Vec<Face> = grids.iter().map(Face::new).collect();
         Ok(Self {

@@ -199,7 +199,7 @@ impl<'a> Builder<'a> {
         data.resize(data.len() + PADDING, 0);
         data.shrink_to_fit();
         let reach = reach(&self.extents);
-        let (top, order) = Top::new(&self.extents);
+        let (top, order) = Top::new(self.extents);
         let mut patches = Vec::with_capacity(order.len());
         let with_node = self.nodes.iter().flatten().flatten().count();
         let mut nodes = Vec::with_capacity(with_node);

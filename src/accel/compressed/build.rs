@@ -184,7 +184,7 @@ impl<'a> Builder<'a> {
             let largest = |k: usize| all.min[k].abs().max(all.max[k].abs());
             (0..3).map(largest).max().unwrap_or(0)
         };
-        let (top, order) = Top::new(&self.extents);
+        let (top, order) = Top::new(self.extents);
         let mut patches = Vec::with_capacity(order.len());
         let mut fans = Vec::with_capacity(self.fans.iter().map(Vec::len).sum());
         for number in order.into_iter().map(|number| number as usize) {

@@ -11,7 +11,7 @@
 
 use super::Dbvh;
 use super::face::{Corner, Face, NONE, Patch, Span};
-use super::heights::Reader;
+use super::heights::{Reader, of_pair};
 use crate::accel::moment::Moment;
 use crate::accel::quads::{PAIRS, SIDE, Sheared};
 use crate::accel::simd::{LANES, Lanes};
@@ -180,6 +180,12 @@ impl<'a> Block<'a> {
         }
     }
 
+    /// Pairs of rows of vertices.
+    #[inline(always)]
+    pub(super) fn pairs(&self) -> usize {
+        self.cells[1] / 2 + 1
+    }
+
     /// Whether it touches the face's border.
     #[inline(always)]
     pub(super) fn is_border(&self) -> bool {
@@ -189,11 +195,11 @@ impl<'a> Block<'a> {
 
 impl Dbvh {
     /// A block's vertices: P + h N, but for those that are kept, which `shear` brings to the corners' space. Only those of
-    /// rows of micro-quads that the ray may meet: which, as a bit for each.
+    /// micro-quads that the ray may meet: which, as bits, eight a row.
     ///
     /// Vertices are on one side of an axis across the ray for all heights that the block has if they are so for the least
-    /// and for the greatest; and where all of a row's are, the ray does not meet it. `bound` is the middle of the heights, half
-    /// of their range, and how far vertices may be from where that puts them; none if they are unknown.
+    /// and for the greatest; and where all four of a micro-quad are, the ray does not meet it. `bound` is the middle of the
+    /// heights, half of their range, and how far vertices may be from where that puts them; none if they are unknown.
     #[inline(always)]
     pub(super) fn vertices<L: Lanes>(
         &self,
@@ -203,10 +209,10 @@ impl Dbvh {
         moment: &Moment,
         shear: impl Fn([f32; 3]) -> [f32; 3],
         to: &mut Sheared,
-    ) -> u32 {
-        let pairs = block.cells[1] / 2 + 1;
-        let all = (1_u32 << block.cells[1]) - 1;
-        let mut normals = [[lanes.floats(0.0); PAIRS]; 2];
+    ) -> u64 {
+        let [columns, rows] = block.cells;
+        let pairs = block.pairs();
+        let mut normals = [[lanes.floats(0.0); 2]; PAIRS];
         // Vertices to the right of the axes for sure, and to the left.
         let mut beyond = [0_u64; 4];
         for (k, to) in [&mut to.x, &mut to.y].into_iter().enumerate() {
@@ -216,7 +222,7 @@ impl Dbvh {
                 let p = sheet.pair(lanes, p, pair);
                 let n = sheet.pair(lanes, n, pair);
                 lanes.store(p, &mut to[pair]);
-                normals[k][pair] = n;
+                normals[pair][k] = n;
                 if let Some([middle, half, slack]) = bound {
                     let at = lanes.add(p, lanes.mul(lanes.floats(middle), n));
                     let reach = lanes.mul(lanes.floats(half), lanes.abs(n));
@@ -227,26 +233,26 @@ impl Dbvh {
                 }
             }
         }
-        let mut rows = all;
-        if bound.is_some() {
-            for beyond in beyond {
-                for row in 0..block.cells[1] {
-                    let both = (beyond >> (SIDE * row)) as u16;
-                    rows &= !(u32::from(both == u16::MAX) << row);
-                }
-            }
+        let mut quads =
+            (u64::MAX >> (64 - SIDE * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
+        for beyond in beyond {
+            let two = beyond & beyond >> 1;
+            quads &= !(two & two >> SIDE);
         }
-        if rows == 0 {
+        if quads == 0 {
             return 0;
         }
-        // Vertices above and below each row.
-        let needed = rows | rows << 1;
-        let st = [sheet.st(lanes, 0), sheet.st(lanes, 1)];
+        let two = quads | quads << 1;
+        let needed = two | two << SIDE;
+        let heights = (self.heights).of_block(lanes, reader, (block, sheet), needed, moment);
         let (p, n) = (sheet.p(lanes, 2), sheet.n(lanes, 2));
-        for pair in (0..pairs).filter(|pair| needed >> (2 * pair) & 3 != 0) {
-            let heights = (self.heights).rows(lanes, reader, block, (sheet, &st), pair, moment);
-            let x = lanes.mul(heights, normals[0][pair]);
-            let y = lanes.mul(heights, normals[1][pair]);
+        for (pair, [nx, ny]) in normals.into_iter().enumerate().take(pairs) {
+            if of_pair(needed, pair) == 0 {
+                continue;
+            }
+            let heights = heights[pair];
+            let x = lanes.mul(heights, nx);
+            let y = lanes.mul(heights, ny);
             lanes.store(lanes.add(lanes.load(&to.x[pair]), x), &mut to.x[pair]);
             lanes.store(lanes.add(lanes.load(&to.y[pair]), y), &mut to.y[pair]);
             let p = sheet.pair(lanes, p, pair);
@@ -256,7 +262,7 @@ impl Dbvh {
         if block.face.has_kept && block.is_border() {
             self.replace_kept(block, moment, shear, to);
         }
-        rows
+        quads
     }
 
     /// Puts kept points into their places.

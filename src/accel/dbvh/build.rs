@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::block::{Block, Quad, Sheet, Single, bilinear};
 use super::edges::{self, Plan};
 use super::face::{Corner, Face, Patch, Span};
-use super::heights::{Heights, Ranges, Source};
+use super::heights::{Heights, Range, Ranges, Source};
 use super::traverse::shadows;
 use super::woven::{Net, Woven};
 use super::{Dbvh, DbvhOptions};
@@ -189,20 +189,18 @@ impl Dbvh {
         }
         self.patches = patches;
         self.look_at(go_on)?;
-        let (top, order) = Top::new(&self.extents());
-        // In the order of the leaves.
-        self.patches = (order.into_iter())
-            .map(|number| self.patches[number as usize])
-            .collect();
-        let mut in_order = Vec::with_capacity(self.ranges.len());
+        let extents = self.extents();
+        let (top, mut order) = Top::new(extents);
+        // In the order of the leaves; in place, since there may be very many.
+        put_in_order(&mut self.patches, &mut order);
+        order.clear();
         for patch in &mut self.patches {
             if !self.faces[patch.face as usize].span(patch).is_single() {
-                let ranges = self.ranges[patch.ranges as usize];
-                patch.ranges = in_order.len() as u32;
-                in_order.push(ranges);
+                let place = order.len() as u32;
+                order.push(std::mem::replace(&mut patch.ranges, place));
             }
         }
-        self.ranges = in_order;
+        put_in_order(&mut self.ranges, &mut order);
         self.top = top;
         Ok(())
     }
@@ -219,13 +217,14 @@ impl Dbvh {
         for batch in patches.chunks_mut(BATCH) {
             let this: &Self = self;
             let of_patch = |patch: &Patch| this.isa.run(RangesOf { tree: this, patch });
-            let ranges: Vec<Ranges> = batch.par_iter().map(of_patch).collect();
+            let ranges: Vec<[Range; LANES]> = batch.par_iter().map(of_patch).collect();
             for (patch, ranges) in batch.iter_mut().zip(ranges) {
-                if self.faces[patch.face as usize].span(patch).is_single() {
-                    patch.ranges = ranges[0] as u32;
+                let span = self.faces[patch.face as usize].span(patch);
+                if span.is_single() {
+                    patch.ranges = ranges[0];
                 } else {
                     patch.ranges = all.len() as u32;
-                    all.push(ranges);
+                    all.push(Ranges::new(&ranges, span.there()));
                 }
             }
             done += batch.len();
@@ -242,7 +241,7 @@ impl Dbvh {
     /// The heights of a patch's blocks.
     pub(super) fn ranges_of(&self, patch: &Patch, span: &Span) -> Ranges {
         if span.is_single() {
-            [patch.ranges as i32; LANES]
+            Ranges::new(&[patch.ranges; LANES], 1)
         } else {
             self.ranges[patch.ranges as usize]
         }
@@ -307,6 +306,21 @@ impl Dbvh {
             }
         }
         extent
+    }
+}
+
+/// Puts what is numbered `order[i]` in place `i`. The numbers are used up.
+fn put_in_order<T>(all: &mut [T], order: &mut [u32]) {
+    for start in 0..order.len() {
+        let mut place = start;
+        loop {
+            let from = std::mem::replace(&mut order[place], place as u32) as usize;
+            if from == start || from == place {
+                break;
+            }
+            all.swap(place, from);
+            place = from;
+        }
     }
 }
 
@@ -491,10 +505,10 @@ struct RangesOf<'a> {
 }
 
 impl Body for RangesOf<'_> {
-    type Output = Ranges;
+    type Output = [Range; LANES];
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Ranges {
+    fn run<L: Lanes>(self, lanes: L) -> [Range; LANES] {
         let Self { tree, patch } = self;
         let face = &tree.faces[patch.face as usize];
         let span = face.span(patch);
@@ -525,15 +539,15 @@ impl Body for RangesOf<'_> {
 
 /// The values' range in a block.
 #[inline(always)]
-fn code<L: Lanes>(lanes: L, tree: &Dbvh, block: &Block<'_>, sheet: &impl Sheet<L>) -> i32 {
+fn code<L: Lanes>(lanes: L, tree: &Dbvh, block: &Block<'_>, sheet: &impl Sheet<L>) -> Range {
     let reader = tree.heights.reader();
-    let st = [sheet.st(lanes, 0), sheet.st(lanes, 1)];
     let mut least = lanes.floats(f32::MAX);
     let mut most = lanes.floats(f32::MIN);
     for key in 0..tree.corners.len() {
         let moment = at_key(key);
-        for pair in 0..block.cells[1] / 2 + 1 {
-            let heights = (tree.heights).rows(lanes, &reader, block, (sheet, &st), pair, &moment);
+        let all = u64::MAX >> (64 - LANES * block.pairs());
+        let heights = (tree.heights).of_block(lanes, &reader, (block, sheet), all, &moment);
+        for heights in heights.into_iter().take(block.pairs()) {
             // What is no number decides nothing.
             least = lanes.min(heights, least);
             most = lanes.max(heights, most);
@@ -576,5 +590,24 @@ impl Body for BoxesOf<'_> {
             lanes.store(of, out);
         }
         out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::put_in_order;
+    use crate::surface::tests::shapes::Random;
+
+    #[test]
+    fn all_come_to_their_places() {
+        let mut random = Random(4);
+        for count in 0..40_usize {
+            let mut order: Vec<u32> = (0..count as u32).collect();
+            order.sort_by_key(|_| (1e6 * random.next()) as u32);
+            let wanted = order.clone();
+            let mut all: Vec<u32> = (0..count as u32).collect();
+            put_in_order(&mut all, &mut order);
+            assert_eq!(all, wanted);
+        }
     }
 }

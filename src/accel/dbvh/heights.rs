@@ -3,7 +3,7 @@
 use super::block::{Block, Sheet};
 use super::face::Face;
 use crate::accel::moment::Moment;
-use crate::accel::quads::SIDE;
+use crate::accel::quads::{PAIRS, SIDE};
 use crate::accel::simd::{LANES, Lanes};
 use crate::math::Vec2;
 use crate::surface::{FROM_BYTE, Fold, HeightImage, TexelKind, Texels};
@@ -32,11 +32,60 @@ pub(super) enum Reader<'a> {
     Kept(&'a [Vec<f32>]),
 }
 
-/// The least and the greatest value in each of sixteen blocks, 16 bits each: the least one in the lower bits.
-pub(super) type Ranges = [i32; LANES];
+/// A range of values: the code of the least in the lower 16 bits, and that of the greatest in the upper ones.
+pub(super) type Range = u32;
 
-/// Codes of a range run up to this.
+/// Codes run up to this.
 const MOST: f32 = 65535.0;
+
+/// The range of values in each of sixteen blocks, in bytes: codes from one of their own on, whose unit is a power of two.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Ranges {
+    low: [u8; LANES],
+    high: [u8; LANES],
+    /// The code where the bytes are zero.
+    first: u16,
+    exponent: u16,
+}
+
+impl Ranges {
+    /// Around the ranges of those blocks that are there, given as bits.
+    pub(super) fn new(ranges: &[Range; LANES], there: u32) -> Self {
+        let there = || (0..LANES).filter(move |c| there >> c & 1 == 1);
+        let least = there().map(|c| ranges[c] & 0xffff).min().unwrap_or(0);
+        let most = there().map(|c| ranges[c] >> 16).max().unwrap_or(least);
+        let reach = most.saturating_sub(least);
+        let exponent = (reach >> 8).checked_ilog2().map_or(0, |e| e + 1);
+        let up = (1 << exponent) - 1;
+        // Rounding up reaches past the last of 255 units at most where the next power of two does not.
+        let exponent = exponent + u32::from(reach + up >= 256 << exponent);
+        let up = (1 << exponent) - 1;
+        let mut new = Self {
+            low: [0; LANES],
+            high: [0; LANES],
+            first: least as u16,
+            exponent: exponent as u16,
+        };
+        for c in there() {
+            new.low[c] = (((ranges[c] & 0xffff) - least) >> exponent) as u8;
+            new.high[c] = (((ranges[c] >> 16).saturating_sub(least) + up) >> exponent) as u8;
+        }
+        new
+    }
+
+    /// That of a block, or a little more.
+    #[inline(always)]
+    pub(super) fn get(&self, block: usize) -> [u32; 2] {
+        let code = |byte: u8| u32::from(self.first) + (u32::from(byte) << self.exponent);
+        [code(self.low[block]), code(self.high[block])]
+    }
+}
+
+/// The two codes of a range.
+#[inline(always)]
+pub(super) fn ends(range: Range) -> [u32; 2] {
+    [range & 0xffff, range >> 16]
+}
 
 impl Heights {
     /// What codes mean so that all values from `low` to `high` have one.
@@ -46,19 +95,20 @@ impl Heights {
     }
 
     /// The code of a range of values, rounded outward.
-    pub(super) fn code(&self, [low, high]: [f32; 2]) -> i32 {
+    pub(super) fn code(&self, [low, high]: [f32; 2]) -> Range {
         let [least, step] = self.code;
         let low = ((low - least) / step - 1e-2).floor().clamp(0.0, MOST);
         let high = ((high - least) / step + 1e-2).ceil().clamp(0.0, MOST);
-        low as i32 | (high as i32) << 16
+        low as u32 | (high as u32) << 16
     }
 
     /// The middles of the heights' ranges, and half of their lengths.
     #[inline(always)]
     pub(super) fn ranges<L: Lanes>(&self, lanes: L, ranges: &Ranges) -> [L::Floats; 2] {
-        let codes = lanes.load_ints(ranges);
-        let low = lanes.to_floats(lanes.and_ints(codes, lanes.ints(0xffff)));
-        let high = lanes.to_floats(lanes.shift_right_unsigned::<16>(codes));
+        let unit = lanes.floats((1_u32 << ranges.exponent) as f32);
+        let first = lanes.floats(f32::from(ranges.first));
+        let low = lanes.add(lanes.mul(lanes.bytes(&ranges.low), unit), first);
+        let high = lanes.add(lanes.mul(lanes.bytes(&ranges.high), unit), first);
         let [least, step] = self.code;
         let (middle, half) = (0.5 * step * self.scale, 0.5 * step * self.scale.abs());
         let shift = self.scale * least + self.bias;
@@ -81,10 +131,10 @@ impl Heights {
         }
     }
 
-    /// The middle of the range of heights that a code means, and half of its length: as [`ranges`](Self::ranges).
+    /// The middle of the range of heights that two codes mean, and half of its length: as [`ranges`](Self::ranges).
     #[inline(always)]
-    pub(super) fn range(&self, code: i32) -> [f32; 2] {
-        let (low, high) = ((code & 0xffff) as f32, (code as u32 >> 16) as f32);
+    pub(super) fn range(&self, codes: [u32; 2]) -> [f32; 2] {
+        let [low, high] = codes.map(|code| code as f32);
         let [least, step] = self.code;
         let middle = (low + high) * (0.5 * step * self.scale);
         let shift = self.scale * least + self.bias;
@@ -94,38 +144,37 @@ impl Heights {
         ]
     }
 
-    /// Two rows of heights of a block. `st` is what its rows have in common.
+    /// Heights of a block, two rows together, at those vertices whose bits are set.
     #[inline(always)]
-    pub(super) fn rows<L: Lanes, S: Sheet<L>>(
+    pub(super) fn of_block<L: Lanes, S: Sheet<L>>(
         &self,
         lanes: L,
         reader: &Reader<'_>,
-        block: &Block<'_>,
-        (sheet, st): (&S, &[S::Rows; 2]),
-        pair: usize,
+        (block, sheet): (&Block<'_>, &S),
+        needed: u64,
         moment: &Moment,
-    ) -> L::Floats {
-        let value = match reader {
-            Reader::Flat(value) => lanes.floats(*value),
-            Reader::Image(texels) => {
-                let s = sheet.pair(lanes, st[0], pair);
-                let t = sheet.pair(lanes, st[1], pair);
-                look_up(lanes, texels, s, t)
-            }
+    ) -> [L::Floats; PAIRS] {
+        let mut values = [lanes.floats(0.0); PAIRS];
+        match reader {
+            Reader::Flat(value) => values = [lanes.floats(*value); PAIRS],
+            Reader::Image(texels) => look_up_all(lanes, texels, sheet, needed, &mut values),
             Reader::Kept(keys) => {
-                let mut two = [0.0; LANES];
-                block.two_rows(&keys[moment.from], pair, &mut two);
-                let from = lanes.load(&two);
-                if moment.from == moment.to {
-                    from
-                } else {
-                    block.two_rows(&keys[moment.to], pair, &mut two);
-                    moment.between_lanes(lanes, from, lanes.load(&two))
+                for (pair, value) in values.iter_mut().enumerate().take(block.pairs()) {
+                    let mut two = [0.0; LANES];
+                    block.two_rows(&keys[moment.from], pair, &mut two);
+                    *value = lanes.load(&two);
+                    if moment.from != moment.to {
+                        block.two_rows(&keys[moment.to], pair, &mut two);
+                        *value = moment.between_lanes(lanes, *value, lanes.load(&two));
+                    }
                 }
             }
-        };
-        let scaled = lanes.mul(value, lanes.floats(self.scale));
-        lanes.add(scaled, lanes.floats(self.bias))
+        }
+        let (scale, bias) = (lanes.floats(self.scale), lanes.floats(self.bias));
+        for value in &mut values {
+            *value = lanes.add(lanes.mul(*value, scale), bias);
+        }
+        values
     }
 
     /// The height at one micro-vertex, by column and row in the face: the clear twin of what a block takes at once.
@@ -189,19 +238,83 @@ fn blend<L: Lanes>(lanes: L, [a, b]: [L::Floats; 2], f: L::Floats) -> L::Floats 
     lanes.add(a, lanes.mul(lanes.sub(b, a), f))
 }
 
-/// Sixteen look-ups at once, as [`Texels::eval`] does each.
+/// Of the vertices of a block in two of its rows, those whose bits are set.
 #[inline(always)]
-fn look_up<L: Lanes>(lanes: L, texels: &Texels<'_>, s: L::Floats, t: L::Floats) -> L::Floats {
+pub(super) fn of_pair(bits: u64, pair: usize) -> u32 {
+    (bits >> (LANES * pair)) as u32 & 0xffff
+}
+
+/// Values at vertices of a block. Those that are needed are often few: they are put side by side, so that as few times as
+/// can be sixteen are looked up.
+#[inline(always)]
+fn look_up_all<L: Lanes, S: Sheet<L>>(
+    lanes: L,
+    texels: &Texels<'_>,
+    sheet: &S,
+    needed: u64,
+    values: &mut [L::Floats; PAIRS],
+) {
+    const ROOM: usize = LANES * (PAIRS + 1);
+    let (s, t) = (sheet.st(lanes, 0), sheet.st(lanes, 1));
+    let mut places = [[0.0; ROOM]; 2];
+    let mut count = 0;
+    for pair in 0..PAIRS {
+        let some = of_pair(needed, pair);
+        if some != 0 {
+            let (s, t) = (sheet.pair(lanes, s, pair), sheet.pair(lanes, t, pair));
+            lanes.store(lanes.gathered(s, some), at_mut(&mut places[0], count));
+            lanes.store(lanes.gathered(t, some), at_mut(&mut places[1], count));
+            count += some.count_ones() as usize;
+        }
+    }
+    let mut found = [0.0; ROOM];
+    for first in (0..count).step_by(LANES) {
+        let some = 0xffff >> (LANES - (count - first).min(LANES));
+        let [s, t] = [at(&places[0], first), at(&places[1], first)];
+        let value = look_up(lanes, texels, [lanes.load(s), lanes.load(t)], some);
+        lanes.store(value, at_mut(&mut found, first));
+    }
+    let mut first = 0;
+    for (pair, value) in values.iter_mut().enumerate() {
+        let some = of_pair(needed, pair);
+        if some != 0 {
+            *value = lanes.spread(lanes.load(at(&found, first)), some);
+            first += some.count_ones() as usize;
+        }
+    }
+}
+
+/// Sixteen numbers from some place on.
+#[inline(always)]
+fn at(all: &[f32], first: usize) -> &[f32; LANES] {
+    all[first..].first_chunk().expect("there is room for all")
+}
+
+#[inline(always)]
+fn at_mut(all: &mut [f32], first: usize) -> &mut [f32; LANES] {
+    all[first..]
+        .first_chunk_mut()
+        .expect("there is room for all")
+}
+
+/// Sixteen look-ups at once, as [`Texels::eval`] does each, in the lanes whose bits are set.
+#[inline(always)]
+fn look_up<L: Lanes>(
+    lanes: L,
+    texels: &Texels<'_>,
+    [s, t]: [L::Floats; 2],
+    needed: u32,
+) -> L::Floats {
     let (x, fx, x_within) = along(lanes, texels, 0, s);
     let (y, fy, y_within) = along(lanes, texels, 1, t);
-    let four = if x_within & y_within == 0xffff {
-        inner(lanes, texels, lanes.to_ints(x), lanes.to_ints(y))
+    let four = if x_within & y_within & needed == needed {
+        inner(lanes, texels, [lanes.to_ints(x), lanes.to_ints(y)], needed)
     } else {
         None
     };
     let [low, high] = match four {
         Some(four) => four,
-        None => by_one(lanes, texels, x, y),
+        None => by_one(lanes, texels, [x, y], needed),
     };
     blend(lanes, [blend(lanes, low, fx), blend(lanes, high, fx)], fy)
 }
@@ -211,8 +324,8 @@ fn look_up<L: Lanes>(lanes: L, texels: &Texels<'_>, s: L::Floats, t: L::Floats) 
 fn inner<L: Lanes>(
     lanes: L,
     texels: &Texels<'_>,
-    x: L::Ints,
-    y: L::Ints,
+    [x, y]: [L::Ints; 2],
+    needed: u32,
 ) -> Option<[[L::Floats; 2]; 2]> {
     let Texels {
         bytes,
@@ -228,7 +341,8 @@ fn inner<L: Lanes>(
     let at = lanes.add_ints(lowest, lanes.mul_ints(x, lanes.ints(stride as i32)));
     let at = lanes.add_ints(at, lanes.mul_ints(y, lanes.ints(-(row as i32))));
     let above = lanes.add_ints(at, lanes.ints(-(row as i32)));
-    let (here, there) = (lanes.gather(bytes, at)?, lanes.gather(bytes, above)?);
+    let here = lanes.gather(bytes, at, needed)?;
+    let there = lanes.gather(bytes, above, needed)?;
     // Both texels of a row in four bytes, if they are.
     Some(match (kind, stride) {
         (TexelKind::Half, 2) => [
@@ -257,8 +371,8 @@ fn inner<L: Lanes>(
         ],
         _ => {
             let next = lanes.ints(stride as i32);
-            let right = lanes.gather(bytes, lanes.add_ints(at, next))?;
-            let above_right = lanes.gather(bytes, lanes.add_ints(above, next))?;
+            let right = lanes.gather(bytes, lanes.add_ints(at, next), needed)?;
+            let above_right = lanes.gather(bytes, lanes.add_ints(above, next), needed)?;
             [
                 [number(lanes, kind, here), number(lanes, kind, right)],
                 [number(lanes, kind, there), number(lanes, kind, above_right)],
@@ -292,13 +406,13 @@ fn number<L: Lanes>(lanes: L, kind: TexelKind, four: L::Ints) -> L::Floats {
 fn by_one<L: Lanes>(
     lanes: L,
     texels: &Texels<'_>,
-    x: L::Floats,
-    y: L::Floats,
+    [x, y]: [L::Floats; 2],
+    needed: u32,
 ) -> [[L::Floats; 2]; 2] {
     let (mut xs, mut ys) = ([0.0; LANES], [0.0; LANES]);
     lanes.store(x, &mut xs);
     lanes.store(y, &mut ys);
-    let [[a, b], [c, d]] = each(texels, &xs, &ys);
+    let [[a, b], [c, d]] = each(texels, [&xs, &ys], needed);
     [
         [lanes.load(&a), lanes.load(&b)],
         [lanes.load(&c), lanes.load(&d)],
@@ -306,9 +420,9 @@ fn by_one<L: Lanes>(
 }
 
 #[inline(never)]
-fn each(texels: &Texels<'_>, xs: &[f32; LANES], ys: &[f32; LANES]) -> [[[f32; LANES]; 2]; 2] {
+fn each(texels: &Texels<'_>, [xs, ys]: [&[f32; LANES]; 2], needed: u32) -> [[[f32; LANES]; 2]; 2] {
     let mut four = [[[0.0; LANES]; 2]; 2];
-    for i in 0..LANES {
+    for i in (0..LANES).filter(|i| needed >> i & 1 == 1) {
         let values = texels.four(xs[i] as i64, ys[i] as i64);
         for (four, value) in four.iter_mut().flatten().zip(values.as_flattened()) {
             four[i] = *value;
@@ -329,6 +443,35 @@ impl Block<'_> {
             let values = &of[first..=first + columns];
             for (i, to) in to.iter_mut().enumerate() {
                 *to = values[i.min(columns)];
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    proptest! {
+        #[test]
+        fn ranges_enclose_those_that_they_are_made_of(
+            codes in prop::array::uniform16((0_u32..=65535, 0_u32..=65535)),
+            width in 0_u32..=16,
+            there in 1_u32..=0xffff,
+        ) {
+            let most = (1_u32 << width) - 1;
+            let codes = codes.map(|(a, b)| [a.min(b) & most, a.max(b) & most]);
+            let codes = codes.map(|[a, b]| [a.min(b), a.max(b)]);
+            let ranges = Ranges::new(&codes.map(|[low, high]| low | high << 16), there);
+            for c in (0..LANES).filter(|c| there >> c & 1 == 1) {
+                let [low, high] = ranges.get(c);
+                // No wider than the unit on either side.
+                let unit = 1 << ranges.exponent;
+                prop_assert!(low <= codes[c][0] && codes[c][0] < low + unit);
+                prop_assert!(high >= codes[c][1] && high < codes[c][1] + unit);
+                prop_assert!(unit <= 1 + most / 127);
             }
         }
     }

@@ -8,15 +8,15 @@
 //!
 //! ```text
 //!     tree over patches         see `top`; boxes on a lattice             some 9 bytes a patch
-//!       patch                   up to 28 x 28 micro-quads of a quad       16 bytes, and heights of its blocks: 64
+//!       patch                   up to 28 x 28 micro-quads of a quad       16 bytes, and heights of its blocks: 36
 //!         blocks                4 x 4, each up to 7 x 7 micro-quads       nothing: P, N, st of the quad's corners
 //!
 //!          h1 _______           A block's part of the shell is affine in u, v and h each: the parallelepiped of Su, Sv
 //!       N \ /      /\ N         and the range of h along N, but for what is bent, which is added to its planes. A ray
 //!         \/______/  \          meets sixteen of them at once, each between three pairs of planes.
 //!         / h0   /
-//!        ·------·               Of a block, those rows are computed whose vertices are not all on one side of the ray
-//!          P(u,v)               for all heights in the range.
+//!        ·------·               Of a block, those vertices are computed whose micro-quads are not wholly on one side of
+//!          P(u,v)               the ray for all heights in the range.
 //! ```
 //!
 //! What it traces: the limit surface cut into quads as finely as it is curved ([`crate::surface::Shell`], which tells how far
@@ -27,11 +27,10 @@
 //! displaced points along it are kept, for all faces to take: the mean of what each has there, as in
 //! [`SharedSamples`](crate::surface::SharedSamples).
 //!
-//! What is kept: the corners of quads, those edges, patches, and 4 bytes for each block, its heights' range: about a
-//! tenth of a byte for a micro-triangle where quads are large, and up to some four bytes where they are no larger than a
-//! block. Heights are read from the image itself as it is in memory. Heights that do not
-//! come from such an image (a primvar, Ptex, tiles of UDIM) are asked for once and kept as floats, 2 bytes a
-//! micro-triangle.
+//! What is kept: the corners of quads, those edges, patches, and two bytes for each block, its heights' range: about a
+//! twentieth of a byte for a micro-triangle where quads are large, and up to some four bytes where they are no larger than
+//! a block. Heights are read from the image itself as it is in memory. Heights that do not come from such an image (a
+//! primvar, Ptex, tiles of UDIM) are asked for once and kept as floats, 2 bytes a micro-triangle.
 //!
 //! Unlike the papers: quads of a subdivided surface rather than triangles, with stitched edges; blocks of 64
 //! micro-vertices, computed and tested at once in registers, rather than one texel after the other; no curved rays; parts

@@ -3,7 +3,7 @@
 use super::Dbvh;
 use super::block::{Block, Quad, Single};
 use super::face::{FAN, Face, Patch, Span};
-use super::heights::Reader;
+use super::heights::{Reader, ends};
 use super::woven::{Net, Woven};
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
@@ -199,12 +199,12 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     /// A block's heights, and how far its vertices may be from where these put them.
     #[inline(always)]
     fn bound(&self, block: usize, span: &Span) -> Option<[f32; 3]> {
-        let code = if self.span.is_single() {
-            self.patch.ranges as i32
+        let codes = if self.span.is_single() {
+            ends(self.patch.ranges)
         } else {
-            self.tree.ranges[self.patch.ranges as usize][block]
+            self.tree.ranges[self.patch.ranges as usize].get(block)
         };
-        let [middle, half] = self.tree.heights.range(code);
+        let [middle, half] = self.tree.heights.range(codes);
         let kept = if self.face.has_kept && self.face.is_border(self.patch.quad, span) {
             2.0 * self.face.slack
         } else {
@@ -258,7 +258,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let shear = |p| shear_point(&self.ray, p);
         let of = (&self.reader, &block);
         let (tree, moment) = (self.tree, self.moment);
-        let rows = if self.face.is_woven() {
+        let quads = if self.face.is_woven() {
             let net = Net::new(tree, self.face, self.patch, moment);
             let mut sheet = Woven::new(lanes, self.face, self.patch, &net);
             sheet.shear(lanes, &self.ray);
@@ -267,12 +267,11 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             let sheet = Single::new(lanes, tree, self.patch, &block, &self.quad);
             tree.vertices(lanes, of, (&sheet, bound), moment, shear, &mut sheared)
         };
-        if rows == 0 {
+        if quads == 0 {
             return None;
         }
         let interval = [self.world.t_min, self.world.t_max];
-        let cells = spread(rows) * ((1 << span.cells[0]) - 1);
-        let met = sheared.nearest_of(lanes, cells, span.cells[1], self.ray.s[2], interval)?;
+        let met = sheared.nearest_of(lanes, quads, span.cells[1], self.ray.s[2], interval)?;
         Some(Met {
             hit: met.hit,
             patch: self.number,
@@ -281,13 +280,6 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             second: met.second,
         })
     }
-}
-
-/// Bits of a byte as the lowest bits of eight.
-#[inline(always)]
-fn spread(bits: u32) -> u64 {
-    let apart = u64::from(bits).wrapping_mul(0x8040_2010_0804_0201) & 0x8080_8080_8080_8080;
-    (apart >> 7).swap_bytes()
 }
 
 const COLUMN: [i32; LANES] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];

@@ -84,13 +84,19 @@ pub(super) trait Lanes: Copy {
     fn of_halves(self, a: Self::Ints) -> Self::Floats;
     /// Zeros come in from above.
     fn shift_right_unsigned<const BY: u32>(self, a: Self::Ints) -> Self::Ints;
-    /// Four bytes from each offset on, which is not below 0; none if they are not all there.
-    fn gather(self, bytes: &[u8], at: Self::Ints) -> Option<Self::Ints>;
+    /// Four bytes from each offset on, which is not below 0, in the lanes whose bits are set, and zeros in the others; none if
+    /// they are not all there.
+    fn gather(self, bytes: &[u8], at: Self::Ints, bits: u32) -> Option<Self::Ints>;
     /// The one in the eight lower lanes, the other in the upper ones.
     fn two(self, low: f32, high: f32) -> Self::Floats;
     /// Two rows of what `a` has for eight rows on one side in its lower half, and on the other side in its upper half:
     /// lanes `2 pair` and `2 pair + 1` of each half, all over the lower and the upper lanes.
     fn two_rows(self, a: Self::Floats, pair: usize) -> [Self::Floats; 2];
+
+    /// The lanes whose bits are set, one after the other from the first lane on; zeros follow.
+    fn gathered(self, a: Self::Floats, bits: u32) -> Self::Floats;
+    /// The first lanes, in order, in the lanes whose bits are set; zeros in the others.
+    fn spread(self, a: Self::Floats, bits: u32) -> Self::Floats;
 
     /// Bytes as numbers.
     fn bytes(self, bytes: &[u8; LANES]) -> Self::Floats;

@@ -139,11 +139,16 @@ impl Lanes for Portable {
         a.map(|a| (a as u32 >> BY) as i32)
     }
     #[inline(always)]
-    fn gather(self, bytes: &[u8], at: Ints) -> Option<Ints> {
+    fn gather(self, bytes: &[u8], at: Ints, bits: u32) -> Option<Ints> {
         let last = bytes.len().checked_sub(4)?;
-        at.iter().all(|&at| at as u32 as usize <= last).then(|| {
-            at.map(|at| {
-                let at = at as u32 as usize;
+        let is_set = |lane: usize| bits >> lane & 1 == 1;
+        let is_there = |lane: usize| !is_set(lane) || at[lane] as u32 as usize <= last;
+        (0..LANES).all(is_there).then(|| {
+            std::array::from_fn(|lane| {
+                if !is_set(lane) {
+                    return 0;
+                }
+                let at = at[lane] as u32 as usize;
                 i32::from_le_bytes(std::array::from_fn(|b| bytes[at + b]))
             })
         })
@@ -156,6 +161,24 @@ impl Lanes for Portable {
     fn two_rows(self, a: Floats, pair: usize) -> [Floats; 2] {
         let at = |half: usize| std::array::from_fn(|i| a[8 * half + 2 * pair + i / 8]);
         [at(0), at(1)]
+    }
+    #[inline(always)]
+    fn gathered(self, a: Floats, bits: u32) -> Floats {
+        let mut out = [0.0; LANES];
+        let set = (0..LANES).filter(|lane| bits >> lane & 1 == 1);
+        for (out, lane) in out.iter_mut().zip(set) {
+            *out = a[lane];
+        }
+        out
+    }
+    #[inline(always)]
+    fn spread(self, a: Floats, bits: u32) -> Floats {
+        let mut out = [0.0; LANES];
+        let set = (0..LANES).filter(|lane| bits >> lane & 1 == 1);
+        for (value, lane) in a.into_iter().zip(set) {
+            out[lane] = value;
+        }
+        out
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> Floats {

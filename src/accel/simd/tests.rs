@@ -50,13 +50,20 @@ impl Body for All<'_> {
         let small =
             lanes.to_floats(lanes.to_ints(lanes.mul(lanes.bytes(bytes), lanes.floats(1.7))));
         let at = lanes.and_ints(fields, lanes.ints(63));
-        let gathered = lanes.gather(self.bytes, at).expect("they are all there");
-        assert!(lanes.gather(&self.bytes[..3], at).is_none());
+        let bits = lanes.less(b, a) | 1;
+        let gathered = (lanes.gather(self.bytes, at, bits)).expect("they are all there");
+        assert!(lanes.gather(&self.bytes[..3], at, bits).is_none());
+        // What is not asked for need not be there.
+        let far = lanes.add_ints(at, lanes.ints(i32::MAX - 1000));
+        assert!(lanes.gather(self.bytes, far, bits).is_none());
+        assert!(lanes.gather(self.bytes, far, 0).is_some());
         let more = [
             lanes.abs(a),
             lanes.floor(a),
             small,
             lanes.select(self.width * 4099, a, b),
+            lanes.gathered(a, self.width * 4099),
+            lanes.spread(b, self.width * 4099),
             lanes.of_bits(lanes.and_ints(gathered, lanes.ints(0x3fff_ffff))),
             lanes.of_halves(halves),
             lanes.to_floats(lanes.shift_right_unsigned::<9>(ints)),

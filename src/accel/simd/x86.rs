@@ -175,15 +175,21 @@ impl Lanes for Avx512 {
         op!(_mm512_srli_epi32::<BY>(a))
     }
     #[inline(always)]
-    fn gather(self, bytes: &[u8], at: __m512i) -> Option<__m512i> {
+    fn gather(self, bytes: &[u8], at: __m512i, bits: u32) -> Option<__m512i> {
         let last = u32::try_from(bytes.len().checked_sub(4)?).unwrap_or(u32::MAX);
-        let beyond = op!(_mm512_cmpgt_epu32_mask(at, _mm512_set1_epi32(last as i32)));
+        let bits = bits as u16;
+        let beyond = op!(_mm512_mask_cmpgt_epu32_mask(
+            bits,
+            at,
+            _mm512_set1_epi32(last as i32)
+        ));
         // Offsets are signed to the instruction.
         if beyond != 0 || last > i32::MAX as u32 {
             return None;
         }
-        // SAFETY: the token says that the instructions are there; all four bytes from each offset are.
-        Some(unsafe { _mm512_i32gather_epi32::<1>(at, bytes.as_ptr().cast()) })
+        let zero = op!(_mm512_setzero_si512());
+        // SAFETY: the token says that the instructions are there; all four bytes from each offset are whose bit is set.
+        Some(unsafe { _mm512_mask_i32gather_epi32::<1>(zero, bits, at, bytes.as_ptr().cast()) })
     }
     #[inline(always)]
     fn two(self, low: f32, high: f32) -> __m512 {
@@ -205,6 +211,14 @@ impl Lanes for Avx512 {
                 _mm512_permutexvar_ps(high, a),
             ]
         })
+    }
+    #[inline(always)]
+    fn gathered(self, a: __m512, bits: u32) -> __m512 {
+        op!(_mm512_maskz_compress_ps(bits as u16, a))
+    }
+    #[inline(always)]
+    fn spread(self, a: __m512, bits: u32) -> __m512 {
+        op!(_mm512_maskz_expand_ps(bits as u16, a))
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> __m512 {
@@ -414,21 +428,36 @@ impl Lanes for Avx2 {
         })
     }
     #[inline(always)]
-    fn gather(self, bytes: &[u8], at: [__m256i; 2]) -> Option<[__m256i; 2]> {
+    fn gather(self, bytes: &[u8], at: [__m256i; 2], bits: u32) -> Option<[__m256i; 2]> {
         let last = u32::try_from(bytes.len().checked_sub(4)?).unwrap_or(u32::MAX);
+        let set = op!({
+            // Each lane's own bit, up to its sign.
+            let low = _mm256_setr_epi32(31, 30, 29, 28, 27, 26, 25, 24);
+            let high = _mm256_setr_epi32(23, 22, 21, 20, 19, 18, 17, 16);
+            let all = _mm256_set1_epi32(bits as i32);
+            [_mm256_sllv_epi32(all, low), _mm256_sllv_epi32(all, high)]
+        });
         let beyond = op!({
             let most = _mm256_set1_epi32(last as i32);
-            let within = |at| _mm256_cmpeq_epi32(_mm256_max_epu32(at, most), most);
-            let all = _mm256_and_si256(within(at[0]), within(at[1]));
-            _mm256_movemask_epi8(all) != -1
+            let beyond = |at, set| {
+                let within = _mm256_cmpeq_epi32(_mm256_max_epu32(at, most), most);
+                _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_andnot_si256(within, set)))
+            };
+            beyond(at[0], set[0]) | beyond(at[1], set[1]) != 0
         });
         // Offsets are signed to the instruction.
         if beyond || last > i32::MAX as u32 {
             return None;
         }
         let from = bytes.as_ptr().cast();
-        // SAFETY: the token says that the instructions are there; all four bytes from each offset are.
-        Some(unsafe { at.map(|at| _mm256_i32gather_epi32::<1>(from, at)) })
+        let zero = op!(_mm256_setzero_si256());
+        // SAFETY: the token says that the instructions are there; all four bytes from each offset are whose bit is set.
+        Some(unsafe {
+            [
+                _mm256_mask_i32gather_epi32::<1>(zero, from, at[0], set[0]),
+                _mm256_mask_i32gather_epi32::<1>(zero, from, at[1], set[1]),
+            ]
+        })
     }
     #[inline(always)]
     fn two(self, low: f32, high: f32) -> [__m256; 2] {
@@ -446,6 +475,30 @@ impl Lanes for Avx2 {
                 ]
             })
         })
+    }
+    #[inline(always)]
+    fn gathered(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
+        let (mut all, mut out) = ([0.0; LANES], [0.0; LANES]);
+        self.store(a, &mut all);
+        let (mut bits, mut place) = (bits & 0xffff, 0);
+        while bits != 0 {
+            out[place & 15] = all[bits.trailing_zeros() as usize & 15];
+            bits &= bits - 1;
+            place += 1;
+        }
+        self.load(&out)
+    }
+    #[inline(always)]
+    fn spread(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
+        let (mut all, mut out) = ([0.0; LANES], [0.0; LANES]);
+        self.store(a, &mut all);
+        let (mut bits, mut place) = (bits & 0xffff, 0);
+        while bits != 0 {
+            out[bits.trailing_zeros() as usize & 15] = all[place & 15];
+            bits &= bits - 1;
+            place += 1;
+        }
+        self.load(&out)
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> [__m256; 2] {

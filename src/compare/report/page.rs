@@ -41,8 +41,13 @@ dt { font-weight: bold; }
 /// The whole page.
 pub(super) fn page(all: &[Measured]) -> Result<String> {
     let title = match all {
-        [one] => format!("relievo bench: {}", escaped(&one.scene)),
-        all => format!("relievo bench: {} scenes", all.len()),
+        [one, rest @ ..] if rest.iter().all(|other| other.scene == one.scene) => {
+            format!("relievo bench: {}", escaped(&one.scene))
+        }
+        all => {
+            let scenes = all.chunk_by(|a, b| a.scene == b.scene).count();
+            format!("relievo bench: {scenes} scenes")
+        }
     };
     let mut html = format!(
         "<!DOCTYPE html>\n<html xmlns=\"http://www.w3.org/1999/xhtml\" lang=\"en\">\n<head>\n\
@@ -55,8 +60,9 @@ pub(super) fn page(all: &[Measured]) -> Result<String> {
         html += "<ul>\n";
         for (i, one) in all.iter().enumerate() {
             html += &format!(
-                "<li><a href=\"#scene-{i}\">{}</a></li>\n",
-                escaped(&one.scene)
+                "<li><a href=\"#scene-{i}\">{}</a>, {} micro-triangles</li>\n",
+                escaped(&one.scene),
+                grouped(micro_triangles(&one.bench))
             );
         }
         html += "</ul>\n";
@@ -64,9 +70,39 @@ pub(super) fn page(all: &[Measured]) -> Result<String> {
     for (i, one) in all.iter().enumerate() {
         html += &section(i, one)?;
     }
+    for of_scene in all.chunk_by(|a, b| a.scene == b.scene) {
+        html += &detail(of_scene)?;
+    }
     html += &methods(all);
     html += "</body>\n</html>\n";
     Ok(html)
+}
+
+fn micro_triangles(bench: &Bench) -> u64 {
+    bench.rows.first().map_or(0, |row| row.micro_triangles)
+}
+
+/// What detail costs: speed against micro-triangles, of a scene that was measured at several numbers of them.
+fn detail(all: &[Measured]) -> Result<String> {
+    let [first, _, ..] = all else {
+        return Ok(String::new());
+    };
+    let scene = escaped(&first.scene);
+    let rows: Vec<&BenchRow> = all.iter().flat_map(|one| &one.bench.rows).collect();
+    let threads = most_threads(&first.bench.rows);
+    Ok(format!(
+        "<h2>Detail on {scene}</h2>\n{}",
+        figure_of(
+            &plots::detail(&rows, &threads)?,
+            &format!("Detail against speed on {scene}"),
+            &format!(
+                "Detail against speed: across, micro-triangles on a logarithmic scale; upwards, millions of rays a second \
+                 on {}. Discs are primary rays, lozenges are diffuse ones. A line that falls evenly is a cost that grows \
+                 with the logarithm of detail.",
+                counted(&threads, "thread")
+            ),
+        )
+    ))
 }
 
 fn section(number: usize, one: &Measured) -> Result<String> {
@@ -96,23 +132,24 @@ fn section(number: usize, one: &Measured) -> Result<String> {
                 "Memory against error: to the left is smaller, down is closer. Upwards, the root of the mean squared \
                  distance, in diagonals of each mesh's box, on a logarithmic scale, of what {} rays met. Discs are \
                  distances to the same surface diced {} times as finely: what micro-triangles of this size are off by, \
-                 by any method, and what the method adds. Lozenges are distances to embree-triangles diced alike: only \
-                 what the method adds. What is below {LEAST_DISTANCE:.0e}, where single precision ends, is drawn there.",
+                 by any method, and what the method adds. Lozenges are distances to {} diced alike: only what the method \
+                 adds. What is below {LEAST_DISTANCE:.0e}, where single precision ends, is drawn there.",
                 grouped(reference.rays),
-                reference.finer
+                reference.finer,
+                bench.relative_to
             ),
         );
     }
     html += &figure_of(
-        &plots::ratios(rows)?,
+        &plots::ratios(bench)?,
         &format!("Speed by kinds of rays on {scene}"),
         &format!(
             "Speed as a ratio to {}, by kinds of rays and threads: above the line is faster. Shadow rays run from where \
              primary ones hit to a point above the scene and stop at whatever they meet.",
-            Method::EmbreeTriangles.name()
+            bench.relative_to
         ),
     );
-    html += &table(rows);
+    html += &table(bench);
     html += "</section>\n";
     Ok(html)
 }
@@ -120,14 +157,13 @@ fn section(number: usize, one: &Measured) -> Result<String> {
 /// What was measured, and on what; what could not be.
 fn facts(bench: &Bench) -> String {
     let machine = &bench.machine;
-    let triangles = bench.rows.first().map_or(0, |row| row.micro_triangles);
     let rays: Vec<String> = KINDS
         .iter()
         .filter_map(|kind| Some(format!("{} {kind}", grouped(*bench.rays.get(kind)?))))
         .collect();
     format!(
         "<p class=\"facts\">{} micro-triangles; {} rays.<br/>\n{}, {}; Embree {}; relievo {}; {}.</p>\n",
-        grouped(triangles),
+        grouped(micro_triangles(bench)),
         rays.join(", "),
         escaped(&machine.processor),
         counted(&machine.threads.to_string(), "thread"),
@@ -151,7 +187,8 @@ fn figure_of(svg: &str, name: &str, caption: &str) -> String {
 }
 
 /// All figures.
-fn table(rows: &[BenchRow]) -> String {
+fn table(bench: &Bench) -> String {
+    let rows = &bench.rows;
     let Some(first) = rows.first() else {
         return String::new();
     };
@@ -161,11 +198,13 @@ fn table(rows: &[BenchRow]) -> String {
         .filter_map(|kind| Some((*kind, first.mrays.get(kind)?)))
         .flat_map(|(kind, by_threads)| by_threads.keys().map(move |threads| (kind, threads)))
         .collect();
-    let mut html = "<div class=\"wide\">\n<table>\n<caption>All figures. Speeds are millions of rays a second, medians \
-                    of five; in small, the ratio to embree-triangles. Building is dicing and building trees, on all \
+    let mut html = format!(
+        "<div class=\"wide\">\n<table>\n<caption>All figures. Speeds are millions of rays a second, medians \
+                    of five; in small, the ratio to {}. Building is dicing and building trees, on all \
                     threads. Distances are in diagonals of each mesh's box.</caption>\n<thead><tr><th scope=\"col\">method</th><th scope=\"col\">bytes each</th>\
-                    <th scope=\"col\">MB</th><th scope=\"col\">build s</th>"
-        .to_owned();
+                    <th scope=\"col\">MB</th><th scope=\"col\">build s</th>",
+        bench.relative_to
+    );
     for (kind, threads) in &columns {
         html += &format!(
             "<th scope=\"col\">{kind},<br/>{}</th>",

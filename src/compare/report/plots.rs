@@ -1,4 +1,4 @@
-//! The plots of a report, as SVG: memory against speed, memory against error, and bars of speed.
+//! The plots of a report, as SVG: memory against speed, memory against error, bars of speed, and speed against detail.
 //!
 //! All are black and grey on nothing but for the methods' colours, so that a page can show them in its own ink.
 
@@ -11,7 +11,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::labels::{Area, LETTER, LINE, Point, place};
 use super::page::counted;
-use crate::compare::bench::{BenchRow, BySpeed};
+use crate::compare::bench::{Bench, BenchRow, BySpeed};
 use crate::error::{Error, Result};
 use crate::world::Method;
 
@@ -136,8 +136,9 @@ pub(super) fn error(rows: &[BenchRow]) -> Result<Option<String>> {
     .map(Some)
 }
 
-/// Speed over that of Embree's triangles, by kinds of rays and threads.
-pub(super) fn ratios(rows: &[BenchRow]) -> Result<String> {
+/// Speed over that of what all are compared with, by kinds of rays and threads.
+pub(super) fn ratios(bench: &Bench) -> Result<String> {
+    let rows = &bench.rows;
     let Some(first) = rows.first() else {
         return svg(|_| Ok(()));
     };
@@ -169,7 +170,7 @@ pub(super) fn ratios(rows: &[BenchRow]) -> Result<String> {
                 .x_labels(0)
                 .y_labels(8)
                 .y_label_formatter(&|v| short(*v))
-                .y_desc("speed, embree-triangles = 1")
+                .y_desc(format!("speed, {} = 1", bench.relative_to))
                 .draw(),
         )?;
         let width = 0.8 / rows.len() as f64;
@@ -197,6 +198,71 @@ pub(super) fn ratios(rows: &[BenchRow]) -> Result<String> {
             )?;
         }
         Ok(())
+    })
+}
+
+/// Micro-triangles against millions of rays a second: a line for each method and kind of rays.
+pub(super) fn detail(rows: &[&BenchRow], threads: &str) -> Result<String> {
+    let kinds_shown = [KINDS[0], KINDS[1]];
+    let mut methods: Vec<&BenchRow> = Vec::new();
+    for row in rows {
+        if methods.iter().all(|known| known.method != row.method) {
+            methods.push(row);
+        }
+    }
+    let xs = || rows.iter().map(|row| row.micro_triangles.max(1) as f64);
+    let speeds = rows
+        .iter()
+        .flat_map(|row| kinds_shown.map(|kind| figure(&row.mrays, kind, threads)));
+    let top = 1.15 * greatest(speeds).max(1e-3);
+    svg(|canvas| {
+        let legend = legend(canvas, methods.iter().copied())?;
+        let x_range = (least(xs()) / 1.8..greatest(xs()) * 1.8).log_scale();
+        let mut chart = drawn(
+            ChartBuilder::on(canvas)
+                .margin_top(legend + 32)
+                .margin_right(16)
+                .x_label_area_size(56)
+                .y_label_area_size(72)
+                .build_cartesian_2d(x_range, 0.0..top),
+        )?;
+        drawn(
+            (chart.configure_mesh())
+                .bold_line_style(GREY)
+                .light_line_style(TRANSPARENT)
+                .axis_style(BLACK)
+                .label_style(FONT)
+                .x_label_formatter(&|v| format!("{v:.0e}"))
+                .y_label_formatter(&|v| short(*v))
+                .x_desc("micro-triangles")
+                .y_desc(format!(
+                    "million rays a second, {}",
+                    counted(threads, "thread")
+                ))
+                .draw(),
+        )?;
+        for method in &methods {
+            let colour = colour(method.method);
+            for (kind, name) in kinds_shown.into_iter().enumerate() {
+                let mut points: Vec<(f64, f64)> = (rows.iter())
+                    .filter(|row| row.method == method.method)
+                    .map(|row| {
+                        (
+                            row.micro_triangles.max(1) as f64,
+                            figure(&row.mrays, name, threads),
+                        )
+                    })
+                    .collect();
+                points.sort_by(|a, b| a.0.total_cmp(&b.0));
+                let at: Vec<Point> = points.iter().map(|p| chart.backend_coord(p)).collect();
+                drawn(canvas.draw(&PathElement::new(at.clone(), colour.stroke_width(2))))?;
+                for p in at {
+                    draw_mark(canvas, p, kind, &colour)?;
+                }
+            }
+        }
+        let below = canvas.clone().margin(legend, 0, 0, 0);
+        kinds(&below, ["primary rays", "diffuse rays"])
     })
 }
 
@@ -308,7 +374,7 @@ fn draw_mark(canvas: &Canvas<'_>, at: Point, kind: usize, colour: &RGBColor) -> 
 }
 
 /// Names and colours in rows at the top. Gives their height.
-fn legend(canvas: &Canvas<'_>, rows: &[BenchRow]) -> Result<i32> {
+fn legend<'r>(canvas: &Canvas<'_>, rows: impl IntoIterator<Item = &'r BenchRow>) -> Result<i32> {
     const LEFT: i32 = 72;
     let (mut x, mut y) = (LEFT, 16);
     for row in rows {
