@@ -44,9 +44,12 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Description> {
     }
 }
 
-/// Bytes that reading a scene takes at most, about: measured on large meshes as text. Of files that it refers to nothing is
-/// known before it is read; 0 if it cannot be.
+/// Bytes that reading a scene takes, about: of text at most, as measured on large meshes, and of binary files at least, which
+/// may hold textures too. Of files that it refers to nothing is known before it is read; 0 if it cannot be.
 pub fn expected_memory(path: &Path) -> u64 {
     let length = std::fs::metadata(path).map_or(0, |file| file.len());
-    (2.5 * length as f64) as u64
+    let is_text = ["usda", "usd", "obj"]
+        .iter()
+        .any(|text| (path.extension()).is_some_and(|ending| ending.eq_ignore_ascii_case(text)));
+    if is_text { length / 2 * 5 } else { length }
 }

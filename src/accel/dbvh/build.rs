@@ -603,7 +603,7 @@ mod tests {
         let mut random = Random(4);
         for count in 0..40_usize {
             let mut order: Vec<u32> = (0..count as u32).collect();
-            order.sort_by_key(|_| (1e6 * random.next()) as u32);
+            order.sort_by_cached_key(|_| (1e6 * random.next()) as u32);
             let wanted = order.clone();
             let mut all: Vec<u32> = (0..count as u32).collect();
             put_in_order(&mut all, &mut order);

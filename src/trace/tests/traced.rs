@@ -264,6 +264,9 @@ fn memory_is_counted_and_given_back() {
     assert_eq!(device.memory(), before);
 }
 
+/// How much is resident is a matter of all tests that run beside this one, too, and they free memory: a budget that leaves
+/// next to nothing may come to leave some hundred megabytes. What is refused is over four gigabytes. `tests/budget.rs`
+/// looks from outside.
 #[test]
 fn a_memory_budget_is_kept() {
     let all = Budget::new(resident().expect("Linux tells") + (4 << 20));
@@ -272,10 +275,11 @@ fn a_memory_budget_is_kept() {
         ..DeviceOptions::default()
     })
     .expect("starts");
-    let built = Geometry::subdivision(&device, arc(sheet(40)), options(64.0))
+    let built = Geometry::subdivision(&device, arc(sheet(160)), options(64.0))
         .and_then(|g| commit(&device, g));
     assert!(matches!(built.map(|_| ()), Err(Error::Memory { .. })));
-    assert!(device.peak_memory() <= 4 << 20);
+    let peak = device.peak_memory();
+    assert!(peak < 1 << 30, "{peak}");
 }
 
 /// Whichever allocation of Embree's is refused, it is an error that says so, all is given back, and the device goes on.
