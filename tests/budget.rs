@@ -463,6 +463,8 @@ fn where_the_system_has_no_more_a_render_ends_with_exit_code_4() {
         least += 50;
         assert!(least < 4000, "it needs all that?");
     }
+    // How much that is differs from run to run.
+    least += 150;
     let names = Method::ALL.map(Method::name);
     for method in names.into_iter().chain(["auto"]) {
         let mut codes = Vec::new();

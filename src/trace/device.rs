@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use embree4_sys as sys;
 
 use crate::error::{Error, Result};
-use crate::memory::{Budget, amount};
+use crate::memory::{Budget, amount, none_left};
 
 /// How to make a [`Device`].
 #[derive(Debug, Clone, Default)]
@@ -52,7 +52,7 @@ impl Device {
     /// A device of its own threads, memory count and errors.
     ///
     /// # Errors
-    /// [`Error::Usage`] if Embree refuses the settings.
+    /// [`Error::Usage`] if Embree refuses the settings, [`Error::Memory`] if the system has no more for its threads.
     pub fn new(options: &DeviceOptions) -> Result<Self> {
         let mut config = String::new();
         if options.threads > 0 {
@@ -64,7 +64,15 @@ impl Device {
         // SAFETY: the string is NUL-terminated and only read during the call.
         let handle = unsafe { sys::rtcNewDevice(text.as_ptr()) };
         if handle.is_null() {
-            return Err(refuse());
+            // SAFETY: without a device it tells why this thread got none.
+            let code = unsafe { sys::rtcGetDeviceError(std::ptr::null_mut()) };
+            // Threads that cannot be started are of unknown kind to it.
+            return Err(match code {
+                sys::RTC_ERROR_OUT_OF_MEMORY | sys::RTC_ERROR_UNKNOWN => {
+                    none_left("Embree does not start")
+                }
+                _ => refuse(),
+            });
         }
         let monitor = Box::new(Monitor {
             current: AtomicIsize::new(0),
