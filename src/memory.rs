@@ -12,7 +12,7 @@ use crate::error::{Error, Result};
 
 mod room;
 
-pub use room::{SMALL_PIECES, filled, is_there, more_room, none_left, room_for};
+pub use room::{SMALL_PIECES, filled, is_there, more_room, none_left, room_for, rooms_for};
 
 /// How much the program may have in memory, if there is a limit. Clones are the same budget.
 #[derive(Debug, Clone, Default)]

@@ -32,6 +32,14 @@ fn text(node: Node<'_, '_>) -> String {
     text.trim().to_owned()
 }
 
+fn parsed(html: &str) -> Document<'_> {
+    let options = ParsingOptions {
+        allow_dtd: true,
+        ..ParsingOptions::default()
+    };
+    Document::parse_with_options(html, options).expect("well-formed")
+}
+
 /// Three plots and a table with all rows.
 fn check_section(section: Node<'_, '_>, measured: &Value) {
     let plots: Vec<Node> = elements(section, (HTML, "figure"))
@@ -104,11 +112,7 @@ fn every_method_of_every_scene_is_shown() {
     let copy: Value = serde_json::from_str(&copy).expect("JSON");
     assert_eq!(copy, printed);
     let html = fs::read_to_string(bench.path("out.html")).expect("a page");
-    let options = ParsingOptions {
-        allow_dtd: true,
-        ..ParsingOptions::default()
-    };
-    let page = Document::parse_with_options(&html, options).expect("well-formed");
+    let page = parsed(&html);
     assert_eq!(elements(page.root(), (HTML, "script")).count(), 0);
     let sections: Vec<Node> = elements(page.root(), (HTML, "section")).collect();
     assert_eq!(sections.len(), scenes.len());
@@ -150,11 +154,7 @@ fn detail_is_drawn_and_any_method_may_be_the_measure() {
         assert_eq!(rows[1]["ratio"]["primary"]["1"], 1.0);
     }
     let html = fs::read_to_string(bench.path("out.html")).expect("a page");
-    let options = ParsingOptions {
-        allow_dtd: true,
-        ..ParsingOptions::default()
-    };
-    let page = Document::parse_with_options(&html, options).expect("well-formed");
+    let page = parsed(&html);
     assert_eq!(elements(page.root(), (HTML, "section")).count(), 3);
     let named = |name: &str| {
         let mut plots = elements(page.root(), (SVG, "svg"));

@@ -27,6 +27,14 @@ pub fn room_for<T>(count: usize, what: &str) -> Result<Vec<T>> {
     }
 }
 
+/// Several of them, such as one for each motion key.
+///
+/// # Errors
+/// As [`room_for`].
+pub fn rooms_for<T>(rooms: usize, count: usize, what: &str) -> Result<Vec<Vec<T>>> {
+    (0..rooms).map(|_| room_for(count, what)).collect()
+}
+
 /// So many items that are all alike.
 ///
 /// # Errors

@@ -16,7 +16,7 @@ use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
-use crate::memory::{more_room, room_for};
+use crate::memory::{more_room, room_for, rooms_for};
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
 /// What most of the memory is for.
@@ -150,12 +150,6 @@ impl<'a> Builder<'a> {
         };
         let count = grids.iter().map(of_grid).sum();
         let what = "patches of micro-triangles";
-        let mut extents = Vec::with_capacity(shared.len());
-        let mut nodes = Vec::with_capacity(shared.len());
-        for _ in shared {
-            extents.push(room_for(count, what)?);
-            nodes.push(room_for(count, what)?);
-        }
         Ok(Self {
             surface,
             shared,
@@ -167,8 +161,8 @@ impl<'a> Builder<'a> {
             largest: 0.0,
             squares: 0.0,
             vertices: 0,
-            extents,
-            nodes,
+            extents: rooms_for(shared.len(), count, what)?,
+            nodes: rooms_for(shared.len(), count, what)?,
         })
     }
 

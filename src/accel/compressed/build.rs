@@ -16,7 +16,7 @@ use crate::accel::simd::{Isa, LANES};
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{DVec3, Vec3};
-use crate::memory::room_for;
+use crate::memory::{room_for, rooms_for};
 use crate::stats::AchievedError;
 use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
@@ -136,12 +136,6 @@ impl<'a> Builder<'a> {
             help: Some("Raise the dicing rate, or lower the most segments of an edge.".into()),
         })?;
         let what = "patches of micro-triangles";
-        let mut extents = Vec::with_capacity(shared.len());
-        let mut fans = Vec::with_capacity(shared.len());
-        for _ in shared {
-            extents.push(room_for(patches, what)?);
-            fans.push(room_for(patches, what)?);
-        }
         Ok(Self {
             surface,
             shared,
@@ -149,8 +143,8 @@ impl<'a> Builder<'a> {
             grids,
             patches: room_for(patches, what)?,
             tiles: room_for(tiles, "tiles of micro-triangles")?,
-            extents,
-            fans,
+            extents: rooms_for(shared.len(), patches, what)?,
+            fans: rooms_for(shared.len(), patches, what)?,
             thick: Thick::default(),
         })
     }

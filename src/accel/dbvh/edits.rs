@@ -5,8 +5,8 @@
 //! SIGGRAPH Asia 2023) update theirs.
 
 use super::Dbvh;
-use super::build::{displaced, range, source};
 use super::heights::Source;
+use super::source::{displaced, range, source};
 use crate::error::{Error, Result};
 use crate::surface::{Displacement, Surface};
 

@@ -55,10 +55,10 @@ impl Ranges {
         let least = there().map(|c| ranges[c] & 0xffff).min().unwrap_or(0);
         let most = there().map(|c| ranges[c] >> 16).max().unwrap_or(least);
         let reach = most.saturating_sub(least);
-        let exponent = (reach >> 8).checked_ilog2().map_or(0, |e| e + 1);
-        let up = (1 << exponent) - 1;
-        // Rounding up reaches past the last of 255 units at most where the next power of two does not.
-        let exponent = exponent + u32::from(reach + up >= 256 << exponent);
+        // The finest unit of which 255 reach across, rounded up.
+        let units = |exponent: u32| (reach + (1 << exponent) - 1) >> exponent;
+        let exponent = (0..16).find(|&e| units(e) <= u8::MAX.into());
+        let exponent = exponent.expect("codes have 16 bits");
         let up = (1 << exponent) - 1;
         let mut new = Self {
             low: [0; LANES],
@@ -262,8 +262,8 @@ fn look_up_all<L: Lanes, S: Sheet<L>>(
         let some = of_pair(needed, pair);
         if some != 0 {
             let (s, t) = (sheet.pair(lanes, s, pair), sheet.pair(lanes, t, pair));
-            lanes.store(lanes.gathered(s, some), at_mut(&mut places[0], count));
-            lanes.store(lanes.gathered(t, some), at_mut(&mut places[1], count));
+            lanes.store(lanes.compress(s, some), at_mut(&mut places[0], count));
+            lanes.store(lanes.compress(t, some), at_mut(&mut places[1], count));
             count += some.count_ones() as usize;
         }
     }
@@ -278,7 +278,7 @@ fn look_up_all<L: Lanes, S: Sheet<L>>(
     for (pair, value) in values.iter_mut().enumerate() {
         let some = of_pair(needed, pair);
         if some != 0 {
-            *value = lanes.spread(lanes.load(at(&found, first)), some);
+            *value = lanes.expand(lanes.load(at(&found, first)), some);
             first += some.count_ones() as usize;
         }
     }

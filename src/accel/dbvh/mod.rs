@@ -43,6 +43,7 @@ mod edges;
 mod edits;
 mod face;
 mod heights;
+mod source;
 #[cfg(test)]
 mod tests;
 mod traverse;

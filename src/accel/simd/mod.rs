@@ -94,9 +94,9 @@ pub(super) trait Lanes: Copy {
     fn two_rows(self, a: Self::Floats, pair: usize) -> [Self::Floats; 2];
 
     /// The lanes whose bits are set, one after the other from the first lane on; zeros follow.
-    fn gathered(self, a: Self::Floats, bits: u32) -> Self::Floats;
+    fn compress(self, a: Self::Floats, bits: u32) -> Self::Floats;
     /// The first lanes, in order, in the lanes whose bits are set; zeros in the others.
-    fn spread(self, a: Self::Floats, bits: u32) -> Self::Floats;
+    fn expand(self, a: Self::Floats, bits: u32) -> Self::Floats;
 
     /// Bytes as numbers.
     fn bytes(self, bytes: &[u8; LANES]) -> Self::Floats;

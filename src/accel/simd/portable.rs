@@ -163,7 +163,7 @@ impl Lanes for Portable {
         [at(0), at(1)]
     }
     #[inline(always)]
-    fn gathered(self, a: Floats, bits: u32) -> Floats {
+    fn compress(self, a: Floats, bits: u32) -> Floats {
         let mut out = [0.0; LANES];
         let set = (0..LANES).filter(|lane| bits >> lane & 1 == 1);
         for (out, lane) in out.iter_mut().zip(set) {
@@ -172,7 +172,7 @@ impl Lanes for Portable {
         out
     }
     #[inline(always)]
-    fn spread(self, a: Floats, bits: u32) -> Floats {
+    fn expand(self, a: Floats, bits: u32) -> Floats {
         let mut out = [0.0; LANES];
         let set = (0..LANES).filter(|lane| bits >> lane & 1 == 1);
         for (value, lane) in a.into_iter().zip(set) {

@@ -213,11 +213,11 @@ impl Lanes for Avx512 {
         })
     }
     #[inline(always)]
-    fn gathered(self, a: __m512, bits: u32) -> __m512 {
+    fn compress(self, a: __m512, bits: u32) -> __m512 {
         op!(_mm512_maskz_compress_ps(bits as u16, a))
     }
     #[inline(always)]
-    fn spread(self, a: __m512, bits: u32) -> __m512 {
+    fn expand(self, a: __m512, bits: u32) -> __m512 {
         op!(_mm512_maskz_expand_ps(bits as u16, a))
     }
     #[inline(always)]
@@ -279,6 +279,29 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn next_row(self, a: __m512, b: __m512) -> __m512 {
         op!(_mm512_shuffle_f32x4::<0b01_00_11_10>(a, b))
+    }
+}
+
+impl Avx2 {
+    /// For each bit that is set, one lane moved to another: `ways` says from where and to where, of the bit's lane and the
+    /// number of those before it. All lanes are below sixteen.
+    #[inline(always)]
+    fn moved(
+        self,
+        a: [__m256; 2],
+        bits: u32,
+        ways: impl Fn(usize, usize) -> [usize; 2],
+    ) -> [__m256; 2] {
+        let (mut all, mut out) = ([0.0; LANES], [0.0; LANES]);
+        self.store(a, &mut all);
+        let (mut bits, mut place) = (bits & 0xffff, 0);
+        while bits != 0 {
+            let [from, to] = ways(bits.trailing_zeros() as usize, place).map(|lane| lane % LANES);
+            out[to] = all[from];
+            bits &= bits - 1;
+            place += 1;
+        }
+        self.load(&out)
     }
 }
 
@@ -477,28 +500,12 @@ impl Lanes for Avx2 {
         })
     }
     #[inline(always)]
-    fn gathered(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
-        let (mut all, mut out) = ([0.0; LANES], [0.0; LANES]);
-        self.store(a, &mut all);
-        let (mut bits, mut place) = (bits & 0xffff, 0);
-        while bits != 0 {
-            out[place & 15] = all[bits.trailing_zeros() as usize & 15];
-            bits &= bits - 1;
-            place += 1;
-        }
-        self.load(&out)
+    fn compress(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
+        self.moved(a, bits, |lane, place| [lane, place])
     }
     #[inline(always)]
-    fn spread(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
-        let (mut all, mut out) = ([0.0; LANES], [0.0; LANES]);
-        self.store(a, &mut all);
-        let (mut bits, mut place) = (bits & 0xffff, 0);
-        while bits != 0 {
-            out[bits.trailing_zeros() as usize & 15] = all[place & 15];
-            bits &= bits - 1;
-            place += 1;
-        }
-        self.load(&out)
+    fn expand(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
+        self.moved(a, bits, |lane, place| [place, lane])
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> [__m256; 2] {

@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 
+use plotters::chart::MeshStyle;
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::prelude::*;
@@ -162,11 +163,7 @@ pub(super) fn ratios(bench: &Bench) -> Result<String> {
                 .build_cartesian_2d(0.0..count, 0.0..top),
         )?;
         drawn(
-            (chart.configure_mesh().disable_x_mesh())
-                .bold_line_style(GREY)
-                .light_line_style(TRANSPARENT)
-                .axis_style(BLACK)
-                .label_style(FONT)
+            in_style(chart.configure_mesh().disable_x_mesh())
                 .x_labels(0)
                 .y_labels(8)
                 .y_label_formatter(&|v| short(*v))
@@ -227,11 +224,7 @@ pub(super) fn detail(rows: &[&BenchRow], threads: &str) -> Result<String> {
                 .build_cartesian_2d(x_range, 0.0..top),
         )?;
         drawn(
-            (chart.configure_mesh())
-                .bold_line_style(GREY)
-                .light_line_style(TRANSPARENT)
-                .axis_style(BLACK)
-                .label_style(FONT)
+            in_style(&mut chart.configure_mesh())
                 .x_label_formatter(&|v| format!("{v:.0e}"))
                 .y_label_formatter(&|v| short(*v))
                 .x_desc("micro-triangles")
@@ -300,11 +293,7 @@ where
             .build_cartesian_2d((low..high).log_scale().with_key_points(ticks), y_range),
     )?;
     drawn(
-        (chart.configure_mesh())
-            .bold_line_style(GREY)
-            .light_line_style(TRANSPARENT)
-            .axis_style(BLACK)
-            .label_style(FONT)
+        in_style(&mut chart.configure_mesh())
             .x_label_formatter(&|v| short(*v))
             .y_label_formatter(&|v| y_format(*v))
             .x_desc(x_name)
@@ -371,6 +360,16 @@ fn draw_mark(canvas: &Canvas<'_>, at: Point, kind: usize, colour: &RGBColor) -> 
             .collect();
         drawn(canvas.draw(&Polygon::new(corners, colour)))
     }
+}
+
+/// A plot's axes and grid, as all plots have them.
+fn in_style<'m, 'a, 'b, X: Ranged, Y: Ranged, DB: DrawingBackend>(
+    mesh: &'m mut MeshStyle<'a, 'b, X, Y, DB>,
+) -> &'m mut MeshStyle<'a, 'b, X, Y, DB> {
+    mesh.bold_line_style(GREY)
+        .light_line_style(TRANSPARENT)
+        .axis_style(BLACK)
+        .label_style(FONT)
 }
 
 /// Names and colours in rows at the top. Gives their height.
