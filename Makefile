@@ -14,7 +14,7 @@ MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
                $(ATLAS_SEAMS)/atlas.usda $(ATLAS_SEAMS)/colours.exr $(ATLAS_SEAMS)/heights.exr \
                $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
 
-.PHONY: demo test bench plugin scenes fuzz leaks long-bounds budgets deps build lint clean
+.PHONY: demo test explore bench plugin scenes fuzz leaks long-bounds budgets deps build lint clean
 
 demo: build scenes
 	mkdir -p $(OUT)
@@ -32,8 +32,15 @@ plugin: deps
 	cp target/release/libptex_oiio.so target/plugin/ptex.imageio.so
 	@echo "The plugin is target/plugin/ptex.imageio.so; OIIO_LIBRARY_PATH=$(CURDIR)/target/plugin lets programs find it"
 
+# The same random cases each time: what fails then is what was changed.
+test: export PROPTEST_RNG_SEED := 20261130
 test: deps scenes
 	cargo test --release --workspace $(CARGO_FLAGS)
+
+# Other cases each time, so many times over.
+ROUNDS := 50
+explore: deps scenes
+	for round in $$(seq $(ROUNDS)); do cargo test --release $(CARGO_FLAGS) --lib || exit 1; done
 
 # Only what is missing or older than what makes it.
 scenes: deps $(MADE)

@@ -1,5 +1,8 @@
 //! What an atlas needs to know of the cage: its triangles in their own planes, and which corners are glued.
 
+use std::collections::BTreeMap;
+
+use super::chart::{join, root};
 use crate::math::{Bounds3, DVec2, DVec3};
 use crate::mesh::{ControlMesh, Crease, Topology, triangulate};
 
@@ -152,11 +155,13 @@ impl Cage {
         }
         let mut covered = vec![false; n as usize];
         let mut positive = true;
+        let mut shapes = Vec::with_capacity(weighted.len());
         for (corners, weight) in weighted {
             let Some(flat) = lay(corners.map(point)) else {
                 continue;
             };
             if weight > 0.0 {
+                shapes.push(corners);
                 positive &= area(corners) > 0.0;
                 corners.iter().for_each(|&i| covered[i as usize] = true);
             }
@@ -172,7 +177,7 @@ impl Cage {
         sorted.dedup();
         let once = sorted.len() == vertices.len();
         self.usable
-            .push(once && positive && covered.iter().all(|&c| c));
+            .push(once && positive && covered.iter().all(|&c| c) && hang_together(&shapes));
         self.normals.push(normal);
         self.middles.push(middle);
     }
@@ -210,6 +215,20 @@ impl Cage {
         let [a, b] = ends.map(|c| self.points[self.topology.vertex(c) as usize]);
         a.distance(b)
     }
+}
+
+/// Whether all triangles are one piece by their common sides. Two that only share a corner, as where one between them has no
+/// shape, would turn about it as they like.
+fn hang_together(triangles: &[[u32; 3]]) -> bool {
+    let mut pieces: Vec<u32> = (0..triangles.len() as u32).collect();
+    let mut by_side: BTreeMap<[u32; 2], usize> = BTreeMap::new();
+    for (number, &[a, b, c]) in triangles.iter().enumerate() {
+        for side in [[a, b], [b, c], [c, a]] {
+            let side = [side[0].min(side[1]), side[0].max(side[1])];
+            join(&mut pieces, number, *by_side.entry(side).or_insert(number));
+        }
+    }
+    (0..triangles.len()).all(|number| root(&mut pieces, number) == 0)
 }
 
 /// A triangle in its own plane, its first corner at the origin; none if it has no shape.

@@ -155,7 +155,7 @@ impl Flat {
 }
 
 /// The lowest of a class.
-fn root(classes: &mut [u32], mut at: usize) -> usize {
+pub(super) fn root(classes: &mut [u32], mut at: usize) -> usize {
     while classes[at] as usize != at {
         classes[at] = classes[classes[at] as usize];
         at = classes[at] as usize;
@@ -163,7 +163,8 @@ fn root(classes: &mut [u32], mut at: usize) -> usize {
     at
 }
 
-fn join(classes: &mut [u32], a: usize, b: usize) {
+/// Makes the classes of two members one.
+pub(super) fn join(classes: &mut [u32], a: usize, b: usize) {
     let (a, b) = (root(classes, a), root(classes, b));
     let (low, high) = (a.min(b), a.max(b));
     classes[high] = low as u32;
