@@ -7,7 +7,7 @@ use crate::math::{Cone, Ray, Vec3};
 use crate::shade::bsdf::View;
 use crate::shade::sampler::Sampler;
 use crate::stats::Rays;
-use crate::world::{Interaction, Met, World};
+use crate::world::{Detail, Interaction, Met, World};
 
 /// How far paths go.
 #[derive(Debug, Clone, Copy)]
@@ -71,6 +71,9 @@ const WIDEST_SPREAD: f32 = 0.5;
 /// neighbours). That mirrors bend, and spread rays or gather them, is left out: textures in round mirrors are sharper than they
 /// had to be.
 ///
+/// Once a scattering has spread a ray that wide, surfaces may be diced more coarsely for the rest of the path: see
+/// [`Detail`].
+///
 /// Dimensions of the sampler: set 0 is the caller's; each scattering takes two sets, each surface that is
 /// partly transparent one from the far end.
 pub fn path(
@@ -85,12 +88,13 @@ pub fn path(
     let mut scattered = 0;
     let mut passed = 0;
     let mut cone = cone.scaled(options.footprint);
+    let mut detail = Detail::Full;
     // How the last scattering chose this direction; none for the camera, whose rays see lights in full.
     let mut last: Option<Scattering> = None;
     rays.camera += 1;
     loop {
         // Meet the next thing, or leave the scene.
-        let met = world.meet(&ray, cone);
+        let met = world.meet(&ray, cone, detail);
         let interaction = match &met {
             Met::Nothing => {
                 let from = last.map_or(ray.origin, |s| s.position);
@@ -156,7 +160,8 @@ pub fn path(
 
         // Light that comes straight from a light.
         let lights = sampler.set(1 + 2 * scattered);
-        out.radiance += throughput * direct(world, interaction, view, ray.time, lights, rays);
+        let towards = (ray.time, detail);
+        out.radiance += throughput * direct(world, interaction, view, towards, lights, rays);
 
         // Light that comes any other way.
         let [u0, u1, u2, roulette] = sampler.set(2 + 2 * scattered);
@@ -181,8 +186,9 @@ pub fn path(
             return out;
         }
         rays.scattered += 1;
-        let lobe = options.footprint * options.footprint * 4.0 / (PI * sample.pdf);
-        let spread = (cone.spread * cone.spread + lobe).sqrt();
+        let lobe = 4.0 / (PI * sample.pdf);
+        let spread = cone.spread * cone.spread + options.footprint * options.footprint * lobe;
+        let spread = spread.sqrt();
         cone = Cone {
             width: cone.at(interaction.t),
             spread: spread.min(WIDEST_SPREAD.max(cone.spread)),
@@ -192,7 +198,13 @@ pub fn path(
             position: interaction.position,
             specular,
         });
-        ray = interaction.leave(sample.wi, ray.time);
+        if lobe >= WIDEST_SPREAD * WIDEST_SPREAD {
+            detail = Detail::Bounced;
+        }
+        ray = match detail {
+            Detail::Full => interaction.leave(sample.wi, ray.time),
+            Detail::Bounced => world.bounce(interaction, sample.wi, ray.time),
+        };
     }
 }
 
@@ -260,7 +272,7 @@ fn direct(
     world: &World,
     interaction: &Interaction,
     view: &View<'_>,
-    time: f32,
+    (time, detail): (f32, Detail),
     [pick, u, v, _]: [f32; 4],
     rays: &mut Rays,
 ) -> Vec3 {
@@ -286,5 +298,6 @@ fn direct(
         return Vec3::ZERO;
     }
     rays.shadow += 1;
-    contribution * world.transmittance(&shadow_ray(interaction, light.wi, light.distance, time))
+    let shadow = shadow_ray(interaction, light.wi, light.distance, time);
+    contribution * world.transmittance(&shadow, detail)
 }

@@ -67,6 +67,7 @@ fn small(scene: &Path, picture: &Path, method: Choice) -> RenderOptions {
     options.threads = 1;
     options.build.method = method;
     options.build.cache_size = Some(CacheSize(1 << 20));
+    options.build.bounce_dicing = Some(2.0);
     options
 }
 
@@ -138,6 +139,7 @@ fn a_build_can_be_ended_at_any_time() {
         let options = BuildOptions {
             method,
             cache_size: Some(CacheSize(1 << 20)),
+            bounce_dicing: Some(2.0),
             ..BuildOptions::default()
         };
         let device = Device::new(&DeviceOptions::default()).expect("a device");

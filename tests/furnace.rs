@@ -15,11 +15,16 @@ def Camera "Camera" {
 }
 "#;
 
+/// How many times as long micro-edges are after a bounce. Inside of the room what is diced more coarsely lies in front of
+/// the surface; around the ball it lies behind it.
+const BOUNCE_DICING: [Option<f32>; 2] = [None, Some(8.0)];
+
 /// A closed room that emits `E` and reflects `a` shows `E (1 + a + … + a^n)` everywhere after `n` scatterings.
 #[test]
 fn a_closed_glowing_room() {
     let folder = tempfile::tempdir().expect("a folder");
-    for (albedo, bounces) in [(0.5, 6), (1.0, 4)] {
+    let kinds = [(0.5, 6), (1.0, 4)].map(|kind| BOUNCE_DICING.map(|times| (kind, times)));
+    for ((albedo, bounces), bounce_dicing) in kinds.into_iter().flatten() {
         let material = format!(
             r#"
 def Material "Glow" {{
@@ -44,6 +49,7 @@ def Material "Glow" {{
         let mut options = options(&scene, &picture);
         options.spp = 256;
         options.resolution = Some([16, 16]);
+        options.build.bounce_dicing = bounce_dicing;
         options.path = PathOptions {
             max_bounces: bounces,
             ..PathOptions::default()
@@ -54,7 +60,7 @@ def Material "Glow" {{
         // The default dome lights a scene without lights: none of it may come in.
         assert!(
             (got / expected - Vec3::ONE).abs().max_element() < 2e-3,
-            "albedo {albedo}: {got} for {expected}"
+            "albedo {albedo}, {bounce_dicing:?}: {got} for {expected}"
         );
     }
 }
@@ -63,7 +69,8 @@ def Material "Glow" {{
 #[test]
 fn a_ball_under_a_dome() {
     let folder = tempfile::tempdir().expect("a folder");
-    for albedo in [0.5, 1.0] {
+    let kinds = [0.5, 1.0].map(|albedo| BOUNCE_DICING.map(|times| (albedo, times)));
+    for (albedo, bounce_dicing) in kinds.into_iter().flatten() {
         let ball = cube(
             "Ball",
             3.0,
@@ -77,6 +84,7 @@ fn a_ball_under_a_dome() {
         let mut options = options(&scene, &picture);
         options.spp = 256;
         options.resolution = Some([32, 32]);
+        options.build.bounce_dicing = bounce_dicing;
         run(&options);
         let (width, height, pixels) = read(&picture);
         let middle: Vec<Vec3> = pixels
@@ -91,7 +99,7 @@ fn a_ball_under_a_dome() {
         let got = mean(&middle);
         assert!(
             (got / albedo - Vec3::ONE).abs().max_element() < 2e-3,
-            "albedo {albedo}: {got}"
+            "albedo {albedo}, {bounce_dicing:?}: {got}"
         );
     }
 }

@@ -176,6 +176,46 @@ fn every_method_shows_the_same_picture() {
     }
 }
 
+/// Coarser micro-triangles for bounces change noise, not brightness, and nothing that the camera sees itself. Methods without
+/// micro-triangles of the dicing show what they did.
+#[test]
+fn what_bounces_may_meet_coarser_micro_triangles() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let scene = write_scene(folder.path(), "scene.usda", SCENE);
+    for method in Method::ALL {
+        let render = |bounce_dicing: Option<f32>, max_bounces: u32, threads: usize| {
+            let picture = folder.path().join("bounces.exr");
+            let mut options = options(&scene, &picture);
+            options.resolution = Some([64, 64]);
+            options.spp = 32;
+            options.threads = threads;
+            options.path.max_bounces = max_bounces;
+            options.build.method = method.into();
+            options.build.dicing.rate = 0.5;
+            options.build.bounce_dicing = bounce_dicing;
+            run(&options);
+            read(&picture).2
+        };
+        let bits = |p: &Vec3| p.to_array().map(f32::to_bits);
+        let differ = |a: &[Vec3], b: &[Vec3]| a.iter().zip(b).any(|(a, b)| bits(a) != bits(b));
+        let (fine, coarse) = (render(None, 8, 2), render(Some(6.0), 8, 2));
+        assert!(
+            !differ(&coarse, &render(Some(6.0), 8, 1)),
+            "{}: by threads",
+            method.name()
+        );
+        // What Embree cannot subdivide is in its triangles.
+        let is_diced = method.is_diced() || method == Method::EmbreeSubdivision;
+        assert_eq!(differ(&fine, &coarse), is_diced, "{}", method.name());
+        let bias = mean(&coarse) / mean(&fine) - Vec3::ONE;
+        println!("{}: mean off by {bias}", method.name());
+        assert!(bias.abs().max_element() < 3e-3, "{}: {bias}", method.name());
+        // Without a bounce there is nothing to be met.
+        let (fine, coarse) = (render(None, 0, 2), render(Some(6.0), 0, 2));
+        assert!(!differ(&fine, &coarse), "{}: seen at once", method.name());
+    }
+}
+
 /// Neither the size of the cache nor threads nor what is diced when make a difference of a bit.
 #[test]
 fn a_cache_of_any_size_shows_the_same_bytes() {

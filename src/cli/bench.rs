@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 use relievo::compare::{
-    BenchOptions, Fineness, Measured, bench, check_report, report_json, write_report,
+    BenchOptions, CompareOptions, Fineness, Measured, bench, check_report, report_json,
+    write_report,
 };
 use relievo::world::Choice;
 use relievo::{Error, Result};
 
 use super::compare::{Compare, moved};
-use super::method::MethodArgument;
+use super::method::{MethodArgument, bounces};
 
 /// Measure all ways of tracing on one set of rays: memory, building, millions of rays a second.
 #[derive(Debug, Args)]
@@ -28,6 +29,15 @@ pub(crate) struct Bench {
     /// micro-triangles may not fit into memory.
     #[arg(long, value_name = "METHOD", default_value = "embree-triangles")]
     relative_to: MethodArgument,
+    /// Measure diffuse rays where micro-edges are so many times as long, as `relievo render --bounce-dicing` traces paths
+    /// that have bounced; at least 1. Memory is that of both dicings.
+    #[arg(
+        long,
+        value_name = "TIMES",
+        default_value_t = 1.0,
+        allow_negative_numbers = true
+    )]
+    bounce_dicing: f32,
     /// Print JSON instead of a table: one object, or an array of them for several scenes.
     #[arg(long)]
     json: bool,
@@ -48,6 +58,7 @@ impl Bench {
         if let Some(path) = &self.report {
             check_report(path)?;
         }
+        let bounce_dicing = bounces(self.bounce_dicing)?;
         let scenes = self
             .scenes
             .iter()
@@ -68,7 +79,10 @@ impl Bench {
         for (path, scene) in scenes {
             for &fineness in &finenesses {
                 let options = BenchOptions {
-                    compare: self.compare.options(fineness, self.rays),
+                    compare: CompareOptions {
+                        bounce_dicing,
+                        ..self.compare.options(fineness, self.rays)
+                    },
                     relative_to,
                     distances: self.report.is_some(),
                 };
@@ -108,6 +122,9 @@ fn table(bench: &relievo::compare::Bench) -> String {
         "bytes/t",
         "build s"
     );
+    if let Some(times) = bench.bounce_dicing {
+        text += &format!("diffuse rays meet micro-edges {times} times as long\n");
+    }
     for row in &bench.rows {
         text += &format!(
             "{:20} {:>10} {:>8.1} {:>8.3} ",

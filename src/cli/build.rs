@@ -64,6 +64,7 @@ impl Build {
             build: BuildOptions {
                 method: self.method.0,
                 dicing: self.staging.dicing(),
+                bounce_dicing: self.staging.bounce_dicing(),
                 max_error: self.staging.max_error.unwrap_or_default(),
                 clay: None,
                 missing_textures: self.staging.missing_textures(),

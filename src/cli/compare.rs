@@ -83,6 +83,7 @@ impl Compare {
         CompareOptions {
             methods,
             fineness,
+            bounce_dicing: None,
             max_error: self.max_error.unwrap_or_default(),
             cache_size: self.cache.size().unwrap_or(CacheSize(cache_size)),
             memory_budget: self.memory_budget.into(),

@@ -96,6 +96,7 @@ impl Info {
             .map(|n| ((n as f32 * staging.scale()).round() as u32).max(1));
         let options = BuildOptions {
             dicing: staging.dicing(),
+            bounce_dicing: staging.bounce_dicing(),
             max_error: staging.max_error.unwrap_or_default(),
             // What cannot be read was told.
             missing_textures: Some(relievo::math::Vec4::ONE),

@@ -2,6 +2,7 @@
 
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
+use relievo::Error;
 use relievo::world::{CacheSize, Choice, MaxError, Method};
 
 use super::machine::bytes;
@@ -42,6 +43,20 @@ impl CacheArgument {
     pub(super) fn size(self) -> Option<CacheSize> {
         self.cache_size.map(CacheSize)
     }
+}
+
+/// How many times as long micro-edges are after a bounce; none for as long.
+///
+/// # Errors
+/// What makes no sense.
+pub(super) fn bounces(times: f32) -> relievo::Result<Option<f32>> {
+    if !(1.0..=64.0).contains(&times) {
+        return Err(Error::usage(
+            format!("--bounce-dicing {times}"),
+            "micro-edges may be 1 to 64 times as long after a bounce",
+        ));
+    }
+    Ok((times > 1.0).then_some(times))
 }
 
 /// An error in pixels (`0.25px`) or in diagonals (`1e-5`).

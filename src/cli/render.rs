@@ -224,6 +224,7 @@ impl Render {
             build: BuildOptions {
                 method,
                 dicing: staging.dicing(),
+                bounce_dicing: staging.bounce_dicing(),
                 max_error: staging.max_error.unwrap_or_default(),
                 cache_size: self.cache.size(),
                 clay: self.clay,

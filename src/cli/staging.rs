@@ -8,7 +8,7 @@ use relievo::world::{Dicing, MaxError};
 use relievo::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-use super::method::max_error;
+use super::method::{bounces, max_error};
 
 /// As it was given. A store remembers what its build was told, and a render from it need not say it again.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
@@ -46,6 +46,15 @@ pub(super) struct Staging {
         help_heading = "Quality"
     )]
     max_segments: Option<u32>,
+    /// After a diffuse bounce, or any that spreads rays as widely, micro-edges are so many times as long, for less memory
+    /// to be kept at hand; at least 1. Not for what is traced without micro-triangles, nor from a store [default: 1]
+    #[arg(
+        long,
+        value_name = "TIMES",
+        allow_negative_numbers = true,
+        help_heading = "Quality"
+    )]
+    bounce_dicing: Option<f32>,
     /// How far `compact` and `cache` may move micro-vertices: 0.25px is a quarter of a pixel at the object's closest view, 1e-5 that
     /// part of its diagonal [default: 3.6e-5, and at most 0.25px]
     #[arg(long, value_name = "ERROR", value_parser = max_error, help_heading = "Quality")]
@@ -114,6 +123,7 @@ impl Staging {
                 ));
             }
         }
+        self.bounce_dicing.map(bounces).transpose()?;
         match self.frame {
             Some(frame) if !frame.is_finite() => Err(Error::usage(
                 format!("--frame {frame}"),
@@ -134,6 +144,7 @@ impl Staging {
             settings: self.settings.or(there.settings),
             dicing_rate: self.dicing_rate.or(there.dicing_rate),
             max_segments: self.max_segments.or(there.max_segments),
+            bounce_dicing: self.bounce_dicing.or(there.bounce_dicing),
             max_error: self.max_error.or(there.max_error),
             no_motion_blur: self.no_motion_blur || there.no_motion_blur,
             missing_textures: self.missing_textures.or(there.missing_textures),
@@ -175,6 +186,11 @@ impl Staging {
             max_segments: self.max_segments.unwrap_or(usual.max_segments),
             ..usual
         }
+    }
+
+    /// How much longer micro-edges are after a bounce, if they are.
+    pub(super) fn bounce_dicing(&self) -> Option<f32> {
+        self.bounce_dicing.filter(|&times| times > 1.0)
     }
 
     /// The colour in place of textures that cannot be read.

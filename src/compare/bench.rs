@@ -2,7 +2,7 @@
 //!
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
 //! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
-//! scene's camera; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
+//! scene's camera, by squares of pixels as pictures are rendered; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
 //! scene. The hits are those of `embree-triangles`, or of what else all others are compared with, for all methods.
 //!
 //! Distances are measured as [`verify()`](super::verify()) does, to the same surfaces diced four times as finely, or less
@@ -19,7 +19,9 @@ use serde::Serialize;
 
 use super::CompareOptions;
 use super::random::Random;
-use super::traced::{Prepared, Traced, device, how_much_finer, methods, prepare, together};
+use super::traced::{
+    Prepared, Traced, bounced, device, how_much_finer, methods, prepare, together,
+};
 use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
@@ -34,6 +36,9 @@ const REPEATS: usize = 5;
 
 /// Shorter than this, the system's count of processor time is too coarse.
 const ENOUGH_SECONDS: f64 = 0.5;
+
+/// Pixels along a side of the squares in which primary rays follow one another.
+const SQUARE: u32 = 16;
 
 /// Part of their time for which threads should have had processors.
 const ENOUGH_SHARE: f64 = 0.85;
@@ -60,6 +65,9 @@ pub struct Bench {
     pub rays: BTreeMap<&'static str, u64>,
     /// What speeds are given as ratios to.
     pub relative_to: &'static str,
+    /// How many times as long the micro-edges are that diffuse rays met, if they are, where methods have any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bounce_dicing: Option<f32>,
     /// What distances were measured to, if they were.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<Reference>,
@@ -137,6 +145,8 @@ struct Entry {
     traced: Vec<Traced>,
     /// All together.
     scene: Scene,
+    /// The same as diffuse rays meet it, if that is something else.
+    bounced: Option<Scene>,
     bytes: u64,
     cache: Option<Arc<Cache>>,
     error: Option<AchievedError>,
@@ -241,7 +251,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
         .iter()
         .position(|entry| entry.method == relative_to)
         .expect("it was put among the methods");
-    let kinds = rays(&entries[twin].scene, &view);
+    let kinds = rays(&entries[twin], &view);
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let mut counts = vec![1, threads];
     counts.dedup();
@@ -255,7 +265,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
             pool.watched(|| {
                 for (kind, rays) in &kinds {
                     for entry in &mut entries {
-                        let speed = speed(&entry.scene, kind, rays);
+                        let speed = speed(entry, kind, rays);
                         entry.speeds.entry((kind, count)).or_default().push(speed);
                     }
                 }
@@ -317,6 +327,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
             .map(|(kind, rays)| (*kind, rays.len() as u64))
             .collect(),
         relative_to: relative_to.name(),
+        bounce_dicing: options.bounce_dicing,
         reference,
         rows,
         warnings,
@@ -345,24 +356,33 @@ fn build(method: Choice, prepared: &[Prepared], options: &CompareOptions) -> Res
         CacheSize(0)
     });
     let start = Instant::now();
-    let traced = (prepared.iter().zip(methods))
-        .map(|(p, method)| p.build(method, &p.rates, &device, &cache))
+    let traced = (prepared.iter().zip(&methods))
+        .map(|(p, method)| p.build(*method, &p.rates, &device, &cache))
         .collect::<Result<Vec<_>>>()?;
     let places: Vec<&[Affine3A]> = prepared
         .iter()
         .map(|p| p.object.world_from_object.as_slice())
         .collect();
     let scene = together(method, &traced, &places, &device)?;
+    let bounced = match options.bounce_dicing {
+        Some(times) => {
+            let by = (method, methods.as_slice());
+            Some(bounced(prepared, by, (&traced, times), &device, &cache)?)
+        }
+        None => None,
+    };
     let seconds = start.elapsed().as_secs_f64();
     let own: usize = traced.iter().map(|t| t.bytes).sum();
+    let (bounced, beside) = bounced.map_or((None, 0), |(scene, bytes)| (Some(scene), bytes));
     let cache = has_cache.then_some(cache);
     let cached = cache.as_ref().map_or(0, |cache| cache.bytes());
-    let bytes = own + cached + device.memory().saturating_sub(before);
+    let bytes = own + beside + cached + device.memory().saturating_sub(before);
     Ok(Entry {
         method,
         error: AchievedError::of_all(traced.iter().map(|t| t.error)),
         traced,
         scene,
+        bounced,
         bytes: bytes as u64,
         cache,
         builds: vec![seconds],
@@ -410,40 +430,49 @@ fn measure_distances(
 }
 
 /// The three kinds of rays.
-fn rays(scene: &Scene, view: &crate::shade::camera::Camera) -> [(&'static str, Vec<Ray>); 3] {
+fn rays(entry: &Entry, view: &crate::shade::camera::Camera) -> [(&'static str, Vec<Ray>); 3] {
+    let scene = &entry.scene;
+    let bounced = entry.bounced.as_ref().unwrap_or(scene);
     let [width, height] = view.resolution();
-    let primary: Vec<Ray> = (0..height)
-        .flat_map(|y| (0..width).map(move |x| Vec2::new(x as f32 + 0.5, y as f32 + 0.5)))
-        .map(|film| view.ray(film, [0.5; 2], 0.0))
+    let square = |n: u32, size: u32| n..(n + SQUARE).min(size);
+    let squares = (0..height)
+        .step_by(SQUARE as usize)
+        .flat_map(|y| (0..width).step_by(SQUARE as usize).map(move |x| (x, y)));
+    let primary: Vec<Ray> = squares
+        .flat_map(|(x, y)| {
+            let rows = square(y, height);
+            rows.flat_map(move |y| square(x, width).map(move |x| [x, y]))
+        })
+        .map(|pixel| view.ray(Vec2::from(pixel.map(|n| n as f32 + 0.5)), [0.5; 2], 0.0))
         .collect();
     let Bounds3 { min, max } = scene.bounds();
     let light = 0.5 * (min + max) + (max - min).length() * Vec3::new(0.5, 1.0, 0.7);
     let (mut diffuse, mut shadow) = (Vec::new(), Vec::new());
-    for (seed, ray) in (0..).zip(&primary) {
-        let Some(hit) = scene.intersect(ray) else {
-            continue;
-        };
-        let mut random = Random::new(seed);
+    // Where a ray meets a scene, and the normal on its side.
+    let seen = |scene: &Scene, ray: &Ray| {
+        let hit = scene.intersect(ray)?;
         // Instances may be scaled and turned; the light's side of a random plane is as good for speed.
         let normal = hit.normal.normalize_or(Vec3::Y);
-        let normal = if normal.dot(ray.direction) > 0.0 {
-            -normal
-        } else {
-            normal
-        };
-        let p = ray.at(hit.t);
-        let offset = 1e-4 * (max - min).length();
-        let local = (random.direction() + Vec3::Z).normalize_or(Vec3::Z);
-        let start = |direction| Ray {
-            t_min: offset,
-            ..Ray::new(p, direction, 0.0)
-        };
-        diffuse.push(start(Frame::around(normal).world_from_local(local)));
-        shadow.push(Ray {
-            t_max: 1.0,
-            t_min: 1e-4,
-            ..start(light - p)
-        });
+        let towards = -ray.direction.dot(normal).signum();
+        Some((ray.at(hit.t), towards * normal))
+    };
+    let start = |p, direction| Ray {
+        t_min: 1e-4 * (max - min).length(),
+        ..Ray::new(p, direction, 0.0)
+    };
+    for (seed, ray) in (0..).zip(&primary) {
+        if let Some((p, normal)) = seen(bounced, ray) {
+            let mut random = Random::new(seed);
+            let local = (random.direction() + Vec3::Z).normalize_or(Vec3::Z);
+            diffuse.push(start(p, Frame::around(normal).world_from_local(local)));
+        }
+        if let Some((p, _)) = seen(scene, ray) {
+            shadow.push(Ray {
+                t_max: 1.0,
+                t_min: 1e-4,
+                ..start(p, light - p)
+            });
+        }
     }
     [
         ("primary", primary),
@@ -453,7 +482,11 @@ fn rays(scene: &Scene, view: &crate::shade::camera::Camera) -> [(&'static str, V
 }
 
 /// Millions of rays a second, on this pool.
-fn speed(scene: &Scene, kind: &str, rays: &[Ray]) -> f64 {
+fn speed(entry: &Entry, kind: &str, rays: &[Ray]) -> f64 {
+    let scene = match &entry.bounced {
+        Some(bounced) if kind == "diffuse" => bounced,
+        _ => &entry.scene,
+    };
     let start = Instant::now();
     let met: usize = rays
         .par_chunks(1024)

@@ -30,6 +30,9 @@ pub struct CompareOptions {
     pub methods: Vec<Choice>,
     /// How finely they dice.
     pub fineness: Fineness,
+    /// Diffuse rays of which speed is measured meet micro-edges so many times as long, above 1, where the method [has
+    /// any](crate::world::Method::is_diced); none for the same.
+    pub bounce_dicing: Option<f32>,
     /// The farthest that a method which compresses may move a micro-vertex.
     pub max_error: MaxError,
     /// Bytes of the cache, for the method that has one.

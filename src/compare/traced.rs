@@ -97,6 +97,11 @@ impl Prepared {
         Rates::by_edge(&self.object.surface, |edge| times * self.rates.edge(edge))
     }
 
+    /// Rates so many times as coarse.
+    fn coarser(&self, times: f32) -> Rates {
+        self.rates.coarser(&self.object.surface, times)
+    }
+
     /// Builds a method's scene of this mesh alone.
     pub(super) fn build(
         &self,
@@ -236,6 +241,31 @@ impl Traced {
             .min_by(|a, b| a.t.total_cmp(&b.t));
         nearest.map(|hit| (hit.t * along.length(), hit))
     }
+}
+
+/// All meshes as paths that have bounced see them, each where it stands, in one scene, and the bytes held beside Embree's.
+pub(super) fn bounced(
+    prepared: &[Prepared],
+    (choice, methods): (Choice, &[Method]),
+    (traced, times): (&[Traced], f32),
+    device: &Device,
+    cache: &Arc<Cache>,
+) -> Result<(Scene, usize)> {
+    let mut bytes = 0;
+    let mut builder = SceneBuilder::new(device, choice.scene_options())?;
+    for ((prepared, method), traced) in prepared.iter().zip(methods).zip(traced) {
+        let scene = if method.is_diced() {
+            let traced = prepared.build(*method, &prepared.coarser(times), device, cache)?;
+            bytes += traced.bytes;
+            traced.scene
+        } else {
+            traced.scene.clone()
+        };
+        for place in &prepared.object.world_from_object {
+            builder.instance(scene.clone(), &[*place])?;
+        }
+    }
+    Ok((builder.commit(&|_| true)?, bytes))
 }
 
 /// Several meshes built for a method, each where it stands, in one scene.

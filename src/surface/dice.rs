@@ -332,6 +332,14 @@ impl FaceGrid {
         (self.segments == [nu, nv, nu, nv]).then(|| self.cell_triangle(uv))
     }
 
+    /// Parameters of the corners of the triangle at the face's parameters, and the barycentric weights there. Where
+    /// borders are snapped to other rates, it may be one beside it.
+    pub fn facet(&self, uv: Vec2) -> ([Vec2; 3], Vec2) {
+        let (triangle, weights) = self.cell_triangle(uv);
+        let corners = self.corners(triangle);
+        (corners.map(|(i, j)| self.vertex_uv(i, j)), weights)
+    }
+
     /// The triangle of the even grid, and its weights.
     fn cell_triangle(&self, uv: Vec2) -> (u64, Vec2) {
         let [nu, nv] = self.size;

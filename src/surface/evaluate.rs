@@ -123,6 +123,33 @@ impl Surface {
         self.evaluate_displaced(face, uv, key)
     }
 
+    /// The position alone, for less.
+    pub fn position(&self, face: u32, uv: Vec2, key: u32) -> Vec3 {
+        let whole = || self.evaluate(face, uv, key).position;
+        let Displacement::Scalar(amount) = &self.displacement else {
+            return whole();
+        };
+        let limit = self.base.first_order(face, uv, key);
+        let Some(n) = unit_cross(limit.du.as_dvec3(), limit.dv.as_dvec3()) else {
+            return whole();
+        };
+        let normal = self.front * n;
+        let at = DisplacementPoint {
+            face,
+            uv,
+            key,
+            position: limit.position,
+            normal,
+            st: self.texcoord(face, uv).st,
+        };
+        let position = limit.position + amount.of(amount.map.value(&at)).x * normal;
+        if position.is_finite() {
+            position
+        } else {
+            whole()
+        }
+    }
+
     /// The same with second derivatives of the limit point.
     fn evaluate_displaced(&self, face: u32, uv: Vec2, key: u32) -> DisplacedPoint {
         let limit = self.base.evaluate(face, uv, key);

@@ -135,6 +135,21 @@ impl Rates {
         Measure::new(surface, places, dicing).rates()
     }
 
+    /// Micro-edges so many times as long, at least 1.
+    #[must_use]
+    pub fn coarser(&self, surface: &Surface, times: f32) -> Self {
+        let fewer = |segments: u32| (segments as f32 / times).ceil() as u32;
+        let rates = Self::new(
+            surface,
+            |edge| fewer(self.edge(edge)),
+            |face| self.face(face).map(fewer),
+        );
+        Self {
+            closest: self.closest,
+            ..rates
+        }
+    }
+
     /// Pixels that a unit of the object covers where it is seen from closest by; beyond the picture they count for as
     /// much less as dicing is coarser there. None of rates that know no view, and of a surface without an extent.
     pub fn pixels_per_unit(&self) -> Option<f32> {
@@ -159,6 +174,11 @@ impl Rates {
     /// How many micro-triangles result.
     pub fn micro_triangles(&self) -> u64 {
         self.sizes().map(|[u, v]| 2 * u * v).sum()
+    }
+
+    /// Bytes held.
+    pub fn memory(&self) -> usize {
+        size_of_val(self.edges.as_slice()) + size_of_val(self.faces.as_slice())
     }
 
     fn sizes(&self) -> impl Iterator<Item = [u64; 2]> + '_ {

@@ -18,7 +18,7 @@ use crate::math::{Vec2, Vec3};
 /// Points of a mesh at each motion key.
 pub(super) type Keys = Arc<Vec<Vec<Vec3>>>;
 
-/// One surface for Embree, with everything that it points to. Meant to be attached to one scene.
+/// One surface for Embree, with everything that it points to.
 pub struct Geometry {
     // Dropped in this order: Embree's object first, then what it points to.
     pub(super) handle: Handle,

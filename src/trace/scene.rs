@@ -31,7 +31,7 @@ pub struct SceneBuilder {
 pub struct Scene {
     // Dropped in this order: Embree's scene first, then what it refers to.
     handle: SceneHandle,
-    geometries: Vec<Geometry>,
+    geometries: Vec<Arc<Geometry>>,
     bounds: Bounds3,
     device: Device,
 }
@@ -89,11 +89,12 @@ impl SceneBuilder {
         })
     }
 
-    /// Adds a geometry. Its number is the count of those before it.
+    /// Adds a geometry, which may be in other scenes, too. Its number is the count of those before it.
     ///
     /// # Panics
     /// If it was made with another device.
-    pub fn attach(&mut self, geometry: Geometry) -> u32 {
+    pub fn attach(&mut self, geometry: impl Into<Arc<Geometry>>) -> u32 {
+        let geometry = geometry.into();
         assert!(
             geometry.handle.device.is(&self.scene.device),
             "a geometry of another device"

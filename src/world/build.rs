@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::geometry::Maker;
+use super::geometry::{Made, Maker};
 use super::method::{Choice, Method};
-use super::plan::{expected, plan};
+use super::plan::{Item, expected, plan};
 use super::prepare::{Form, Prepared, Preparer};
 use super::shape::Shape;
 use super::stand::Stand;
@@ -35,6 +35,9 @@ pub struct BuildOptions {
     pub method: Choice,
     /// How finely they are diced.
     pub dicing: Dicing,
+    /// For rays of paths that have bounced, micro-edges are so many times as long, above 1; none for the same. Methods that
+    /// are not [diced](Method::is_diced), and what was stored, show them what all others see.
+    pub bounce_dicing: Option<f32>,
     /// The farthest that a method which compresses may move a micro-vertex.
     pub max_error: MaxError,
     /// Bytes of the cache, for the method that has one. None for the usual size, but no more than an eighth of the memory
@@ -140,6 +143,12 @@ impl World {
             "{} is not stored",
             options.method.name()
         );
+        if options.bounce_dicing.is_some() && !matches!(source, Source::Built) {
+            return Err(Error::usage(
+                "surfaces are to be diced otherwise for bounces, where hierarchies are stored",
+                "leave --bounce-dicing out, or render without a store: stores hold one dicing",
+            ));
+        }
         let budget = device.memory_budget();
         let mut warnings = Warnings::default();
         let textures = Textures::load(description, options, budget, &mut warnings)?;
@@ -173,8 +182,8 @@ impl World {
         let unwritten = cache_bytes.saturating_sub(written);
         let promise = || budget.promise(textures.room() + unwritten);
         promise();
-        let objects: Vec<ObjectStats> = (prepared.iter().zip(&plan.methods))
-            .map(|(prepared, &method)| object_stats(prepared, method))
+        let objects: Vec<ObjectStats> = (prepared.iter().zip(&plan.items).zip(&plan.methods))
+            .map(|((prepared, item), &method)| object_stats(prepared, item, method))
             .collect();
         let mut maker = Maker {
             device,
@@ -190,8 +199,7 @@ impl World {
             error: None,
         };
 
-        let scene_options = options.method.scene_options();
-        let mut builder = SceneBuilder::new(device, scene_options)?;
+        let mut scenes = Scenes::new(device, options)?;
         let mut entries: BTreeMap<u32, Entry> = BTreeMap::new();
         let mut shapes = Vec::with_capacity(description.shapes.len());
         let mut placed: Vec<Option<Placed>> =
@@ -216,7 +224,12 @@ impl World {
                 }
             }
             let made = maker.make(prepared, method, &mut warnings);
-            let (geometry, surface) = made.map_err(|e| name_shape(e, description, shape))?;
+            let made = made.map_err(|e| name_shape(e, description, shape))?;
+            let Made {
+                geometry,
+                bounced,
+                surface,
+            } = made;
             let mut wearer = Wearer::new(
                 &mut wardrobe,
                 &shape.geometry,
@@ -238,15 +251,18 @@ impl World {
                 }
             };
             if in_world.is_some() {
-                let id = builder.attach(geometry);
+                let id = scenes.attach(geometry, bounced);
                 entries.insert(id, Entry::Placed(places[0]));
                 placed[places[0] as usize] = Some(place_of(places[0], Stand::InWorld));
             } else if !places.is_empty() {
-                let mut own = SceneBuilder::new(device, scene_options)?;
-                own.attach(geometry);
-                let own = Arc::new(own.commit(&|_| go_on(0.5 * maker.share[1]))?);
+                let own = |geometry: Geometry| -> Result<Arc<Scene>> {
+                    let mut own = SceneBuilder::new(device, options.method.scene_options())?;
+                    own.attach(geometry);
+                    Ok(Arc::new(own.commit(&|_| go_on(0.5 * maker.share[1]))?))
+                };
+                let (own, bounced) = (own(geometry)?, bounced.map(own).transpose()?);
                 for place in places {
-                    let id = builder.instance(own.clone(), &keys(place))?;
+                    let id = scenes.instance((&own, bounced.as_ref()), &keys(place))?;
                     entries.insert(id, Entry::Placed(place));
                     placed[place as usize] = Some(place_of(place, Stand::new(keys(place))));
                 }
@@ -267,14 +283,14 @@ impl World {
             let (triangles, corners) = area.triangles();
             if !triangles.is_empty() {
                 let rectangles = Geometry::triangles(device, triangles, Arc::new(vec![corners]))?;
-                entries.insert(builder.attach(rectangles), Entry::Rectangles);
+                entries.insert(scenes.attach(rectangles, None), Entry::Rectangles);
             }
             if area.primitives() > 0 {
                 let others = Geometry::user(device, Arc::clone(area))?;
-                entries.insert(builder.attach(others), Entry::Lights);
+                entries.insert(scenes.attach(others, None), Entry::Lights);
             }
         }
-        let scene: Scene = builder.commit(&|done| go_on(0.5 + 0.5 * done))?;
+        let (scene, bounced) = scenes.commit(&|done| go_on(0.5 + 0.5 * done))?;
         let last = entries.keys().next_back().map_or(0, |&id| id as usize + 1);
         let mut by_number = vec![Entry::Lights; last];
         for (id, entry) in entries {
@@ -282,6 +298,7 @@ impl World {
         }
         let world = Self {
             scene,
+            bounced,
             entries: by_number,
             shapes,
             placed: placed
@@ -311,6 +328,46 @@ impl World {
     }
 }
 
+/// What rays meet, and what those of paths that have bounced do, under the same numbers.
+struct Scenes {
+    all: SceneBuilder,
+    bounced: Option<SceneBuilder>,
+}
+
+impl Scenes {
+    fn new(device: &Device, options: &BuildOptions) -> Result<Self> {
+        let builder = || SceneBuilder::new(device, options.method.scene_options());
+        Ok(Self {
+            all: builder()?,
+            bounced: options.bounce_dicing.map(|_| builder()).transpose()?,
+        })
+    }
+
+    fn attach(&mut self, geometry: Geometry, bounced: Option<Geometry>) -> u32 {
+        let geometry = Arc::new(geometry);
+        if let Some(scene) = &mut self.bounced {
+            scene.attach(bounced.map_or_else(|| geometry.clone(), Arc::new));
+        }
+        self.all.attach(geometry)
+    }
+
+    fn instance(
+        &mut self,
+        (own, bounced): (&Arc<Scene>, Option<&Arc<Scene>>),
+        world_from_object: &[Affine3A],
+    ) -> Result<u32> {
+        if let Some(scene) = &mut self.bounced {
+            scene.instance(bounced.unwrap_or(own).clone(), world_from_object)?;
+        }
+        self.all.instance(own.clone(), world_from_object)
+    }
+
+    fn commit(self, progress: &(dyn Fn(f64) -> bool + Sync)) -> Result<(Scene, Option<Scene>)> {
+        let bounced = self.bounced.map(|scene| scene.commit(&|_| progress(0.0)));
+        Ok((self.all.commit(progress)?, bounced.transpose()?))
+    }
+}
+
 /// Bytes of all that is there beside the shapes' hierarchies, as far as they are known.
 fn known(description: &Description, prepared: &[Prepared<'_>], textures: &Textures) -> u64 {
     // What it was read from, too.
@@ -320,8 +377,8 @@ fn known(description: &Description, prepared: &[Prepared<'_>], textures: &Textur
     (meshes + surfaces + textures.memory() + textures.room()) as u64
 }
 
-fn object_stats(prepared: &Prepared<'_>, method: Method) -> ObjectStats {
-    let (micro_triangles, need) = expected(prepared, method);
+fn object_stats(prepared: &Prepared<'_>, item: &Item, method: Method) -> ObjectStats {
+    let (micro_triangles, need) = expected(prepared, item, method);
     ObjectStats {
         path: prepared.wanted.path.to_owned(),
         method: match prepared.form {

@@ -39,6 +39,15 @@ pub struct Need {
 }
 
 impl Need {
+    /// Both, made one after the other; Embree builds them together.
+    pub(super) fn and(self, other: Self) -> Self {
+        Self {
+            held: self.held + other.held,
+            dicing: self.dicing.max(other.dicing),
+            commit: self.commit + other.commit,
+        }
+    }
+
     /// The most at once, of this surface alone.
     pub fn peak(&self) -> u64 {
         self.held + self.dicing.max(self.commit)

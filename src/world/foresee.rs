@@ -71,7 +71,7 @@ pub fn foresee(
     let meshes: usize = (description.shapes.iter())
         .map(|shape| 2 * shape.geometry.memory())
         .sum();
-    let items = items(&prepared, None);
+    let items = items(&prepared, None, options.bounce_dicing);
     let polygons_bytes = polygons(&prepared);
     let known = options.held_beside + meshes + surfaces + textures.memory();
     let (methods, cache) = choose(&items, to_spend(budget, known as u64 + polygons_bytes));
@@ -79,7 +79,7 @@ pub fn foresee(
         let is_smooth = matches!(p.form, Form::Smooth(_));
         let bytes = |method: Method| {
             if is_smooth {
-                method.need(&item.counts).peak()
+                item.need(method).peak()
             } else {
                 polygons(std::slice::from_ref(p))
             }
@@ -115,6 +115,7 @@ pub fn chosen<'a>(
     let items: Vec<Item> = surfaces
         .map(|(surface, rates)| Item {
             counts: Counts::new(surface, rates),
+            bounced: None,
             together: false,
         })
         .collect();

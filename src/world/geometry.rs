@@ -8,7 +8,7 @@ use super::build::BuildOptions;
 use super::displacement::by_callback;
 use super::method::{How, Method, TracedSurface};
 use super::prepare::{Form, Prepared, Smooth, Wanted};
-use super::shape::{self, Polygons, Surface};
+use super::shape::{self, Bounced, Polygons, Surface};
 use super::stored::{Cage, Source};
 use crate::accel::{Accuracy, Cache};
 use crate::error::{Error, Result, Warnings};
@@ -34,14 +34,36 @@ pub(super) struct Maker<'a> {
     pub(super) error: Option<AchievedError>,
 }
 
+/// A shape that was made.
+pub(super) struct Made {
+    /// What all rays meet.
+    pub(super) geometry: Geometry,
+    /// What those of paths that have bounced meet in its place.
+    pub(super) bounced: Option<Geometry>,
+    /// What is kept of it.
+    pub(super) surface: Surface,
+}
+
+impl Made {
+    /// The same for all rays.
+    fn once(geometry: Geometry, surface: Surface) -> Self {
+        Self {
+            geometry,
+            bounced: None,
+            surface,
+        }
+    }
+}
+
 impl Maker<'_> {
-    /// What Embree traces of a shape, and what is kept of it.
+    /// What Embree traces of a shape, for all rays and for those of paths that have bounced, if these see something else;
+    /// and what is kept of it.
     pub(super) fn make(
         &mut self,
         prepared: Prepared<'_>,
         method: Method,
         warnings: &mut Warnings,
-    ) -> Result<(Geometry, Surface)> {
+    ) -> Result<Made> {
         let wanted = &prepared.wanted;
         match prepared.form {
             Form::Polygons(mesh) => polygons(self.device, &mesh),
@@ -67,17 +89,25 @@ impl Maker<'_> {
         method: Method,
         wanted: &Wanted<'_>,
         warnings: &mut Warnings,
-    ) -> Result<(Geometry, Surface)> {
+    ) -> Result<Made> {
         let (surface, digest) = (
             &smooth.surface,
             smooth.digest.as_deref().unwrap_or_default(),
         );
+        let bounces = self.options.bounce_dicing.filter(|_| method.is_diced());
+        // Progress goes by time, about.
+        let share = self.share;
+        let middle = match bounces {
+            Some(times) => share[0] + (share[1] - share[0]) / (1.0 + f64::from(times).powi(-2)),
+            None => share[1],
+        };
+        self.share = [share[0], middle];
         let traced = match (&self.source, &smooth.rates) {
             (Source::Stored(store), _) => {
                 let sections = store.object(wanted.path, digest)?;
                 method.stored(surface, self.device, &sections)?
             }
-            (_, Some(rates)) => self.build(surface, rates, method, wanted, digest)?,
+            (_, Some(rates)) => self.build(surface, rates, method, (wanted, digest))?,
             (_, None) => unreachable!("rates are known of all that is not stored"),
         };
         if let Some(accuracy) = &traced.accuracy {
@@ -85,12 +115,31 @@ impl Maker<'_> {
         }
         self.error = AchievedError::of_all([self.error, traced.error()]);
         self.bytes += traced.bytes + traced.geometry.memory() + surface.memory();
+        let mut bounced_geometry = None;
+        let mut bounced = None;
+        self.share = [middle, share[1]];
+        if let (Some(times), Some(rates)) = (bounces, &smooth.rates) {
+            let rates = rates.coarser(surface, times);
+            let traced = self.build(surface, &rates, method, (wanted, digest))?;
+            self.bytes += traced.bytes + traced.geometry.memory() + rates.memory();
+            bounced_geometry = Some(traced.geometry);
+            bounced = Some(Bounced {
+                places: traced.places,
+                rates,
+                off: traced.accuracy.map_or(0.0, |accuracy| accuracy.max as f32),
+            });
+        }
         let kept = shape::Smooth {
             surface: smooth.surface,
             carrier: smooth.carrier,
             places: traced.places,
+            bounced,
         };
-        Ok((traced.geometry, Surface::Smooth(kept)))
+        Ok(Made {
+            geometry: traced.geometry,
+            bounced: bounced_geometry,
+            surface: Surface::Smooth(kept),
+        })
     }
 
     fn build(
@@ -98,8 +147,7 @@ impl Maker<'_> {
         surface: &Arc<crate::surface::Surface>,
         rates: &Rates,
         method: Method,
-        wanted: &Wanted<'_>,
-        digest: &str,
+        (wanted, digest): (&Wanted<'_>, &str),
     ) -> Result<TracedSurface> {
         let recorded = matches!(self.source, Source::Recorded(_));
         let ([from, to], go_on) = (self.share, self.go_on);
@@ -134,7 +182,7 @@ impl Maker<'_> {
         base: &Arc<Subdivision>,
         rates: &Rates,
         wanted: &Wanted<'_>,
-    ) -> Result<(Geometry, Surface)> {
+    ) -> Result<Made> {
         let width = |name: &str| mesh.primvar(name).map_or(0, |p| p.width as usize);
         let primvars: Vec<(String, usize)> =
             (wanted.needs.iter().map(|n| (n.clone(), width(n)))).collect();
@@ -146,13 +194,11 @@ impl Maker<'_> {
             primvars: wanted.needs.clone(),
         };
         let geometry = Geometry::subdivision(self.device, mesh.clone(), options)?;
-        Ok((
-            geometry,
-            Surface::Subdivision {
-                primvars,
-                base: base.clone(),
-            },
-        ))
+        let surface = Surface::Subdivision {
+            primvars,
+            base: base.clone(),
+        };
+        Ok(Made::once(geometry, surface))
     }
 }
 
@@ -168,7 +214,7 @@ fn notice(accuracy: &Accuracy, path: &str, warnings: &mut Warnings) {
     }
 }
 
-fn polygons(device: &Device, mesh: &Arc<ControlMesh>) -> Result<(Geometry, Surface)> {
+fn polygons(device: &Device, mesh: &Arc<ControlMesh>) -> Result<Made> {
     let triangles = triangulate(mesh);
     let index = |corner: u32| mesh.face_vertex_indices[corner as usize];
     let indices = triangles.corners.iter().map(|t| t.map(index)).collect();
@@ -178,5 +224,5 @@ fn polygons(device: &Device, mesh: &Arc<ControlMesh>) -> Result<(Geometry, Surfa
         corners: triangles.corners,
         faces: triangles.faces,
     };
-    Ok((geometry, Surface::Polygons(polygons)))
+    Ok(Made::once(geometry, Surface::Polygons(polygons)))
 }

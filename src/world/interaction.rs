@@ -2,7 +2,7 @@
 
 use std::cell::OnceCell;
 
-use super::World;
+use super::{Detail, World};
 use crate::math::{Area, Cone, Frame, Ray, Vec2, Vec3};
 use crate::shade::bsdf::{Bsdf, SurfaceParams, bent_towards};
 use crate::shade::material::Tangents;
@@ -38,6 +38,8 @@ pub struct Interaction {
     /// they may be off, and in the way of rays that the surface itself lets go.
     clear: f32,
     params: SurfaceParams,
+    place: Place,
+    detail: Detail,
 }
 
 impl Interaction {
@@ -52,12 +54,20 @@ impl Interaction {
 
     /// A ray towards `direction`, whose length is 1, that starts clear of the surface.
     pub fn leave(&self, direction: Vec3, time: f32) -> Ray {
-        let side = if direction.dot(self.geometric_normal) < 0.0 {
+        self.leave_from((self.position, self.error), direction, time)
+    }
+
+    /// The side of the surface that a direction leaves to.
+    fn side(&self, direction: Vec3) -> f32 {
+        if direction.dot(self.geometric_normal) < 0.0 {
             -1.0
         } else {
             1.0
-        };
-        let origin = self.position + side * self.error * self.geometric_normal;
+        }
+    }
+
+    fn leave_from(&self, (position, error): (Vec3, f32), direction: Vec3, time: f32) -> Ray {
+        let origin = position + self.side(direction) * error * self.geometric_normal;
         Ray {
             t_min: self.clear,
             ..Ray::new(origin, direction, time)
@@ -79,13 +89,39 @@ impl Interaction {
 const RELATIVE_ERROR: f32 = 8e-6;
 
 impl World {
+    /// As [`Interaction::leave`], for a ray that is to meet what is diced for paths that have bounced. Where that lies in
+    /// front of the surface, the ray starts on it.
+    pub fn bounce(&self, interaction: &Interaction, direction: Vec3, time: f32) -> Ray {
+        let placed = &self.placed[interaction.object as usize];
+        let shape = &self.shapes[placed.shape as usize];
+        let bounced = match interaction.detail {
+            Detail::Full => shape.bounced(interaction.place, time),
+            Detail::Bounced => None,
+        };
+        let Some((point, off)) = bounced else {
+            return interaction.leave(direction, time);
+        };
+        let mut moved = None;
+        let space = placed.stand.at(time, &mut moved);
+        let point = space.map_or(point, |space| space.point_to_world(point));
+        let side = interaction.side(direction);
+        let ahead = side * (point - interaction.position).dot(interaction.geometric_normal);
+        let position = if ahead > 0.0 && point.is_finite() {
+            point
+        } else {
+            interaction.position
+        };
+        let error = interaction.error + off * space.map_or(1.0, Space::stretch);
+        interaction.leave_from((position, error), direction, time)
+    }
+
     /// `ray`'s direction is unit if `cone` is any wider than a line.
     pub(super) fn interaction(
         &self,
         number: u32,
         ray: &Ray,
         cone: Cone,
-        hit: &SceneHit,
+        (hit, detail): (&SceneHit, Detail),
     ) -> Interaction {
         let placed = &self.placed[number as usize];
         let shape = &self.shapes[placed.shape as usize];
@@ -96,12 +132,13 @@ impl World {
             |n: Vec3| space.map_or(n, |s| s.normal_to_world(n).normalize_or_zero());
 
         // Geometry: where, and which way it faces. The facet's normal only tells sides until it is needed.
+        let scene = self.scene(detail);
         let geometry = match hit.instance {
-            Some(instance) => self.scene.instanced(instance).map_or_else(
-                || self.scene.geometry(hit.geometry),
+            Some(instance) => scene.instanced(instance).map_or_else(
+                || scene.geometry(hit.geometry),
                 |scene| scene.geometry(hit.geometry),
             ),
-            None => self.scene.geometry(hit.geometry),
+            None => scene.geometry(hit.geometry),
         };
         let facet = space.map_or(hit.normal, |space| space.normal_to_world(hit.normal));
         let towards = if facet.dot(ray.direction) <= 0.0 {
@@ -110,7 +147,7 @@ impl World {
             -1.0
         };
         let on_facet = ray.at(hit.t);
-        let place = shape.place(hit, || {
+        let place = shape.place(hit, detail, || {
             space.map_or(*ray, |space| space.ray_from_world(ray))
         });
         let point = shape.point(geometry, place, towards * hit.normal, ray.time);
@@ -193,6 +230,8 @@ impl World {
             error,
             clear: if shape.is_near_only() { own_error } else { 0.0 },
             params: resolved.params,
+            place,
+            detail,
         }
     }
 }

@@ -204,6 +204,21 @@ impl Method {
         matches!(self, Self::Compact | Self::Compressed)
     }
 
+    /// Whether hits lie on the micro-triangles that the dicing rates ask for, or as near to them as
+    /// [`TracedSurface::accuracy`] says. Only then may paths that have bounced see others: see
+    /// [`BuildOptions::bounce_dicing`](super::BuildOptions::bounce_dicing).
+    pub fn is_diced(self) -> bool {
+        match self {
+            Self::EmbreeTriangles
+            | Self::EmbreeGrid
+            | Self::EmbreeGridCompact
+            | Self::Tessellated
+            | Self::Compact
+            | Self::Cache => true,
+            Self::EmbreeSubdivision | Self::Compressed | Self::Dbvh => false,
+        }
+    }
+
     /// What was built of a surface, from a store.
     ///
     /// # Errors

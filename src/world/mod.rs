@@ -46,6 +46,8 @@ use worn::Worn;
 /// A scene, ready for rays. Shared by all render threads.
 pub struct World {
     scene: trace::Scene,
+    /// The same, with the same numbers, as it is diced for paths that have bounced, if that is done otherwise.
+    bounced: Option<trace::Scene>,
     /// By the scene's geometry number.
     entries: Vec<Entry>,
     shapes: Vec<Shape>,
@@ -84,6 +86,16 @@ struct Placed {
     display_color: Option<[f32; 3]>,
 }
 
+/// For which rays surfaces are diced.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Detail {
+    /// Those that come from the camera, also by mirrors, and those from there to lights.
+    #[default]
+    Full,
+    /// Those of a path that a surface has scattered widely, as diffuse ones do: what they meet is seen blurred.
+    Bounced,
+}
+
 /// What a ray met.
 pub enum Met {
     /// Nothing.
@@ -102,8 +114,8 @@ pub enum Met {
 impl World {
     /// The nearest thing along the ray. Textures of a surface are looked up as wide as `cone` is there; it needs a ray of
     /// unit direction, unless it is a line.
-    pub fn meet(&self, ray: &Ray, cone: Cone) -> Met {
-        let Some(hit) = self.scene.intersect(ray) else {
+    pub fn meet(&self, ray: &Ray, cone: Cone, detail: Detail) -> Met {
+        let Some(hit) = self.scene(detail).intersect(ray) else {
             return Met::Nothing;
         };
         match self.entries[hit.instance.unwrap_or(hit.geometry) as usize] {
@@ -124,20 +136,26 @@ impl World {
                     hit,
                 }
             }
-            Entry::Placed(number) => Met::Surface(self.interaction(number, ray, cone, &hit)),
+            Entry::Placed(number) => {
+                Met::Surface(self.interaction(number, ray, cone, (&hit, detail)))
+            }
         }
     }
 
     /// What part of the light passes along the ray: 0 or 1, or between where surfaces are partly transparent.
-    pub fn transmittance(&self, ray: &Ray) -> f32 {
+    pub fn transmittance(&self, ray: &Ray, detail: Detail) -> f32 {
         if !self.transparent {
-            return if self.scene.occluded(ray) { 0.0 } else { 1.0 };
+            return if self.scene(detail).occluded(ray) {
+                0.0
+            } else {
+                1.0
+            };
         }
         let mut ray = *ray;
         let mut transmittance = 1.0;
         // Each turn moves on to the next surface; more than this many are as good as opaque.
         for _ in 0..256 {
-            match self.meet(&ray, Cone::LINE) {
+            match self.meet(&ray, Cone::LINE, detail) {
                 Met::Nothing => return transmittance,
                 Met::Light { .. } => return 0.0,
                 Met::Surface(interaction) => {
@@ -165,6 +183,16 @@ impl World {
 
     /// The message of the first panic in a callback, if there was one: the picture is not to be trusted then.
     pub fn take_panic(&self) -> Option<String> {
-        self.scene.take_panic()
+        let bounced = self.bounced.as_ref();
+        (self.scene.take_panic()).or_else(|| bounced.and_then(trace::Scene::take_panic))
+    }
+
+    /// What such rays meet.
+    #[inline]
+    fn scene(&self, detail: Detail) -> &trace::Scene {
+        match (&self.bounced, detail) {
+            (Some(bounced), Detail::Bounced) => bounced,
+            _ => &self.scene,
+        }
     }
 }

@@ -28,8 +28,21 @@ const TRIES: usize = 6;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Item {
     pub(super) counts: Counts,
+    /// As it is diced for paths that have bounced, if that is done otherwise.
+    pub(super) bounced: Option<Counts>,
     /// Whether Embree builds it together with all others.
     pub(super) together: bool,
+}
+
+impl Item {
+    /// What a method takes of it.
+    pub(super) fn need(&self, method: Method) -> Need {
+        let need = method.need(&self.counts);
+        match &self.bounced {
+            Some(bounced) if method.is_diced() => need.and(method.need(bounced)),
+            _ => need,
+        }
+    }
 }
 
 /// What was decided.
@@ -39,13 +52,15 @@ pub(super) struct Plan {
     pub(super) methods: Vec<Method>,
     /// Of the cache, if there is to be one.
     pub(super) cache: Option<CacheSize>,
+    /// What decided of each shape.
+    pub(super) items: Vec<Item>,
 }
 
 /// The most that all objects take at once.
 pub(super) fn peak(items: &[Item], methods: &[Method]) -> u64 {
     let (mut held, mut together, mut alone) = (0, 0, 0);
     for (item, method) in items.iter().zip(methods) {
-        let need = method.need(&item.counts);
+        let need = item.need(*method);
         held += need.held;
         alone = alone.max(need.dicing);
         if item.together {
@@ -64,7 +79,7 @@ fn cautious(items: &[Item], methods: &[Method]) -> u64 {
         Method::EmbreeSubdivision
         | Method::EmbreeTriangles
         | Method::EmbreeGrid
-        | Method::EmbreeGridCompact => method.need(&item.counts).peak(),
+        | Method::EmbreeGridCompact => item.need(*method).peak(),
         Method::Tessellated
         | Method::Compact
         | Method::Compressed
@@ -115,7 +130,7 @@ pub(super) fn choose(items: &[Item], bytes: u64) -> (Vec<Method>, u64) {
     let of_cache = |method: &Method| *method == Method::Cache;
     let filled: u64 = (items.iter().zip(&methods))
         .filter(|(_, method)| of_cache(method))
-        .map(|(item, _)| Method::Compact.need(&item.counts).held)
+        .map(|(item, _)| item.need(Method::Compact).held)
         .sum();
     let left = bytes.saturating_sub(cautious(items, &methods));
     let size = left.clamp(LEAST_CACHE, filled.max(LEAST_CACHE));
@@ -142,7 +157,7 @@ pub(super) fn plan(
     budget: &Budget,
     known: u64,
 ) -> Result<Plan> {
-    let items = items(prepared, None);
+    let items = items(prepared, None, options.bounce_dicing);
     let (methods, automatic) = match options.method {
         Choice::Auto => choose(&items, to_spend(budget, known + polygons(prepared))),
         Choice::One(method) => {
@@ -167,20 +182,31 @@ pub(super) fn plan(
         };
         options.cache_size.unwrap_or(CacheSize(size as usize))
     });
-    let plan = Plan { methods, cache };
-    check(prepared, &items, &plan, options, budget)?;
+    let plan = Plan {
+        methods,
+        cache,
+        items,
+    };
+    check(prepared, &plan, options, budget)?;
     Ok(plan)
 }
 
 /// What decides of all shapes, diced as they are or otherwise.
-pub(super) fn items(prepared: &[Prepared<'_>], dicing: Option<&Dicing>) -> Vec<Item> {
-    let item = |p: &Prepared<'_>| Item {
-        counts: match (&p.form, dicing) {
-            (Form::Polygons(_), _) => Counts::default(),
-            (Form::Smooth(smooth), Some(dicing)) => smooth.counts_by(dicing),
-            (Form::Smooth(smooth), None) => smooth.counts().unwrap_or_default(),
-        },
-        together: p.in_world.is_some(),
+pub(super) fn items(
+    prepared: &[Prepared<'_>],
+    dicing: Option<&Dicing>,
+    bounce_dicing: Option<f32>,
+) -> Vec<Item> {
+    let item = |p: &Prepared<'_>| {
+        let (counts, bounced) = match &p.form {
+            Form::Polygons(_) => (Counts::default(), None),
+            Form::Smooth(smooth) => smooth.counts_by(dicing, bounce_dicing),
+        };
+        Item {
+            counts,
+            bounced,
+            together: p.in_world.is_some(),
+        }
     };
     prepared.iter().map(item).collect()
 }
@@ -188,11 +214,11 @@ pub(super) fn items(prepared: &[Prepared<'_>], dicing: Option<&Dicing>) -> Vec<I
 /// What will not fit is not begun.
 fn check(
     prepared: &[Prepared<'_>],
-    items: &[Item],
     plan: &Plan,
     options: &BuildOptions,
     budget: &Budget,
 ) -> Result<()> {
+    let items = &plan.items;
     let Some(left) = budget.left() else {
         return Ok(());
     };
@@ -202,7 +228,7 @@ fn check(
         return Ok(());
     }
     let largest = (items.iter().zip(&plan.methods).zip(prepared))
-        .map(|((item, method), p)| (method.need(&item.counts), item, *method, p.wanted.path))
+        .map(|((item, method), p)| (item.need(*method), item, *method, p.wanted.path))
         .max_by_key(|(need, ..)| need.peak());
     let largest = largest.map_or_else(String::new, |(need, item, method, path)| {
         format!(
@@ -220,7 +246,7 @@ fn check(
     };
     Err(Error::Memory {
         message: message + &largest,
-        help: Some(advice(prepared, items, plan, options, budget, needed)),
+        help: Some(advice(prepared, plan, options, budget, needed)),
     })
 }
 
@@ -240,12 +266,12 @@ pub(super) fn polygons(prepared: &[Prepared<'_>]) -> u64 {
 /// What would fit: another method, or coarser dicing by the same one.
 fn advice(
     prepared: &[Prepared<'_>],
-    items: &[Item],
     plan: &Plan,
     options: &BuildOptions,
     budget: &Budget,
     needed: u64,
 ) -> String {
+    let items = &plan.items;
     let left = budget.left().unwrap_or(usize::MAX) as f64 * (1.0 - SPARE);
     let cache = plan.cache.map_or(0, |size| size.0 as u64);
     let fixed = polygons(prepared);
@@ -270,7 +296,7 @@ fn advice(
     for _ in 0..TRIES {
         let smaller = 1.05 * (needed_now / left.max(1.0)).sqrt();
         dicing.rate = rounded_up(dicing.rate * smaller.clamp(1.2, 16.0) as f32);
-        let items = self::items(prepared, Some(&dicing));
+        let items = self::items(prepared, Some(&dicing), options.bounce_dicing);
         needed_now = (cautious(&items, &plan.methods) + cache + fixed) as f64;
         if needed_now <= left {
             let digits = usize::from(dicing.rate < 10.0) + usize::from(dicing.rate < 1.0);
@@ -295,12 +321,11 @@ fn rounded_up(rate: f32) -> f32 {
 }
 
 /// What each shape is expected to take in the end, as it was planned.
-pub(super) fn expected(p: &Prepared<'_>, method: Method) -> (Option<u64>, Need) {
+pub(super) fn expected(p: &Prepared<'_>, item: &Item, method: Method) -> (Option<u64>, Need) {
     match &p.form {
-        Form::Smooth(smooth) => match smooth.counts() {
-            Some(counts) => (Some(counts.micro_triangles), method.need(&counts)),
-            None => (None, Need::default()),
-        },
+        // Nothing is known of what was stored.
+        Form::Smooth(smooth) if smooth.rates.is_none() => (None, Need::default()),
+        Form::Smooth(_) => (Some(item.counts.micro_triangles), item.need(method)),
         Form::Polygons(_) => (
             None,
             Need {
@@ -318,6 +343,7 @@ mod tests {
     fn item(micro_triangles: u64) -> Item {
         Item {
             counts: Counts::of_quads(micro_triangles / 2),
+            bounced: None,
             together: false,
         }
     }

@@ -309,15 +309,22 @@ impl Prepared<'_> {
 }
 
 impl Smooth<'_> {
-    /// What it will be diced into.
-    pub(super) fn counts(&self) -> Option<Counts> {
-        (self.rates.as_ref()).map(|rates| Counts::new(&self.surface, rates))
-    }
-
-    /// What it would be diced into otherwise.
-    pub(super) fn counts_by(&self, dicing: &Dicing) -> Counts {
-        let rates = Rates::on_screen(&self.surface, &self.stands, dicing);
-        Counts::new(&self.surface, &rates)
+    /// What it will be diced into, or would be by other rates, and what for paths that have bounced if micro-edges are so
+    /// many times as long for them.
+    pub(super) fn counts_by(
+        &self,
+        dicing: Option<&Dicing>,
+        bounce_dicing: Option<f32>,
+    ) -> (Counts, Option<Counts>) {
+        let otherwise = dicing.map(|d| Rates::on_screen(&self.surface, &self.stands, d));
+        let Some(rates) = otherwise.as_ref().or(self.rates.as_ref()) else {
+            return (Counts::default(), None);
+        };
+        let bounced = bounce_dicing.map(|times| {
+            let rates = rates.coarser(&self.surface, times);
+            Counts::new(&self.surface, &rates)
+        });
+        (Counts::new(&self.surface, rates), bounced)
     }
 }
 

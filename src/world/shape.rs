@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
+use super::Detail;
 use super::displacement::{embree_slot, of_embree};
 use super::method::HitPlaces;
 use crate::math::{Ray, Vec2, Vec3};
 use crate::mesh::{ControlMesh, Interpolation, Primvar};
 use crate::shade::texture_map::Read;
-use crate::surface::{self, Carrier, Subdivision};
+use crate::surface::{self, Carrier, FaceGrid, Rates, Subdivision};
 use crate::trace::{Geometry, SceneHit, SurfacePoint};
 
 /// Farther than this part of a face, a step of [`Smooth::refined`] is none: the surface is too bent there.
@@ -38,6 +39,16 @@ pub(super) struct Smooth {
     /// The same without displacement, with primvars.
     pub(super) carrier: Arc<dyn Carrier>,
     pub(super) places: HitPlaces,
+    /// The same diced more coarsely, if it is.
+    pub(super) bounced: Option<Bounced>,
+}
+
+/// A surface as it is diced for paths that have bounced.
+pub(super) struct Bounced {
+    pub(super) places: HitPlaces,
+    pub(super) rates: Rates,
+    /// How far what is traced may be from the micro-triangles of these rates.
+    pub(super) off: f32,
 }
 
 /// Triangles of a polygon mesh.
@@ -83,9 +94,9 @@ impl Shape {
 
     /// `ray` is asked for the ray that hit, in object space, only where that is needed.
     #[inline]
-    pub(super) fn place(&self, hit: &SceneHit, ray: impl FnOnce() -> Ray) -> Place {
+    pub(super) fn place(&self, hit: &SceneHit, detail: Detail, ray: impl FnOnce() -> Ray) -> Place {
         let (face, uv) = match &self.surface {
-            Surface::Smooth(smooth) => smooth.places.face_uv(hit),
+            Surface::Smooth(smooth) => smooth.places(detail).face_uv(hit),
             Surface::Subdivision { .. } | Surface::Polygons(_) => (hit.primitive, hit.uv),
         };
         let place = Place { face, uv };
@@ -98,6 +109,20 @@ impl Shape {
     /// Whether hits are but near to the surface, which is to be asked where it is.
     pub(super) fn is_near_only(&self) -> bool {
         matches!(&self.surface, Surface::Smooth(smooth) if matches!(smooth.places, HitPlaces::NearHit))
+    }
+
+    /// The point of the micro-triangle at a place, as it is diced for paths that have bounced, and how far what is traced
+    /// may be from it; none if that is diced as for all others.
+    pub(super) fn bounced(&self, place: Place, time: f32) -> Option<(Vec3, f32)> {
+        let Surface::Smooth(smooth) = &self.surface else {
+            return None;
+        };
+        let bounced = smooth.bounced.as_ref()?;
+        let grid = FaceGrid::new(&smooth.surface, &bounced.rates, place.face);
+        let (corners, weights) = grid.facet(place.uv);
+        let [a, b, c] = corners.map(|uv| smooth.position(Place { uv, ..place }, time));
+        let point = a + weights.x * (b - a) + weights.y * (c - a);
+        Some((point, bounced.off))
     }
 
     /// `facet` is the hit's normal on the side that the ray comes from.
@@ -266,6 +291,15 @@ impl Surface {
 }
 
 impl Smooth {
+    /// How hits on what is diced for such a ray tell where they are.
+    #[inline]
+    fn places(&self, detail: Detail) -> &HitPlaces {
+        match (&self.bounced, detail) {
+            (Some(bounced), Detail::Bounced) => &bounced.places,
+            _ => &self.places,
+        }
+    }
+
     /// Where the ray meets the tangent plane at a place near the hit: one step of Newton's, no farther than the hit may
     /// be from the surface.
     fn refined(&self, place: Place, hit: &SceneHit, ray: &Ray) -> Place {
@@ -301,11 +335,26 @@ impl Smooth {
         }
     }
 
-    fn point(&self, Place { face, uv }: Place, time: f32) -> Point {
+    /// The motion key before a time, and how far that is from it to the next.
+    fn moment(&self, time: f32) -> (u32, f32) {
         let last = self.surface.base().keys() - 1;
         let at = time.clamp(0.0, 1.0) * last as f32;
         let key = (at as u32).min(last.saturating_sub(1));
-        let part = at - key as f32;
+        (key, at - key as f32)
+    }
+
+    fn position(&self, Place { face, uv }: Place, time: f32) -> Vec3 {
+        let (key, part) = self.moment(time);
+        let position = self.surface.position(face, uv, key);
+        if part > 0.0 {
+            position.lerp(self.surface.position(face, uv, key + 1), part)
+        } else {
+            position
+        }
+    }
+
+    fn point(&self, Place { face, uv }: Place, time: f32) -> Point {
+        let (key, part) = self.moment(time);
         let mut point = self.surface.evaluate(face, uv, key);
         if part > 0.0 {
             let next = self.surface.evaluate(face, uv, key + 1);

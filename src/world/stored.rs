@@ -86,6 +86,8 @@ pub(super) fn digest(
         missing_textures: _,
         default_dome: _,
         held_beside: _,
+        // Not stored.
+        bounce_dicing: _,
     } = options;
     digest.text(&format!("{} {dicing:?} {max_error:?}", method.name()));
     digest.finish()

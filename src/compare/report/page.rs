@@ -170,7 +170,9 @@ fn facts(bench: &Bench) -> String {
         escaped(&machine.embree),
         escaped(machine.relievo),
         escaped(&bench.date),
-    ) + &bench
+    ) + &bench.bounce_dicing.map_or_else(String::new, |times| {
+        format!("<p>Diffuse rays meet micro-edges {times} times as long.</p>\n")
+    }) + &bench
         .warnings
         .iter()
         .map(|w| format!("<p>Warning: {}</p>\n", escaped(&w.message)))

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::shapes::Random;
 use super::*;
 use crate::math::{Affine3A, Bounds3};
 
@@ -141,6 +142,38 @@ fn holes_are_left_out() {
     let mut out = vec![Vec3::ZERO; 16];
     surface.dice_face(&grid, 0, &shared, &mut Scratch::default(), &mut out);
     assert_eq!(out, diced.positions()[0][32..48]);
+}
+
+#[test]
+fn coarser_rates_are_those_divided_and_their_facets_are_known() {
+    let surface = surface(Patches::sphere(6), displacements(0.2).remove(2).1);
+    let fine = mixed(&surface);
+    let coarse = fine.coarser(&surface, 2.5);
+    let fewer = |segments: u32| (segments as f32 / 2.5).ceil() as u32;
+    let diced = Diced::new(&surface, &coarse);
+    let mut random = Random(1);
+    for grid in diced.grids() {
+        for k in 0..4 {
+            let edge = surface.base().edge(grid.face, k).edge;
+            assert_eq!(coarse.edge(edge), fewer(fine.edge(edge)));
+        }
+        assert_eq!(coarse.face(grid.face), fine.face(grid.face).map(fewer));
+        let alone = FaceGrid::new(&surface, &coarse, grid.face);
+        for _ in 0..20 {
+            let uv = random.uv();
+            let (corners, weights) = alone.facet(uv);
+            let [a, b, c] = corners;
+            if grid.triangle_at(uv).is_some() {
+                let there = a + weights.x * (b - a) + weights.y * (c - a);
+                assert!((there - uv).length() < 1e-5, "{uv} {there}");
+            }
+            let is_one = |triangle: u64| {
+                let of_grid = grid.corners(triangle).map(|(i, j)| grid.vertex_uv(i, j));
+                of_grid == corners
+            };
+            assert!((0..grid.triangles()).any(is_one), "{grid:?} at {uv}");
+        }
+    }
 }
 
 #[test]

@@ -23,6 +23,8 @@ fn displaced_derivatives_are_those_of_the_points() {
                     let face = i % surface.base().faces();
                     let uv = 0.9 * random.uv() + 0.05;
                     let p = surface.evaluate(face, uv, 0);
+                    let alone = surface.position(face, uv, 0);
+                    assert!((alone - p.position).length() < 1e-6, "{name} {alone} {p:?}");
                     // Over the kinks of the bilinear filter both one-sided differences disagree: skip those points.
                     let h = 1e-3;
                     let side = |axis: Vec2, sign: f32| {
@@ -110,6 +112,7 @@ fn poles_have_normals() {
         for u in [0.0, 0.3, 1.0] {
             let p = surface.evaluate(face, Vec2::new(u, v), 0);
             assert!((p.position - 1.1 * z * Vec3::Z).length() < 0.02, "{p:?}");
+            assert_eq!(surface.position(face, Vec2::new(u, v), 0), p.position);
         }
     }
     assert_eq!(surface.faults(), Faults::default());
