@@ -289,6 +289,7 @@ fn deep_and_fine_detail_is_as_bright_by_every_method() {
         Method::Tessellated,
         Method::Compact,
         Method::Compressed,
+        Method::Nonlinear,
         Method::Dbvh,
         Method::Cache,
     ] {

@@ -216,6 +216,14 @@ fn stores_that_are_none_are_refused() {
         &["none.rlv"],
     );
 
+    // They hold one dicing.
+    let bounces = ["--bounce-dicing", "4"];
+    expect(
+        build(&bench, "sheet.usda", &bounces),
+        2,
+        &["--bounce-dicing"],
+    );
+    expect(bench.render("sheet.rlv", &bounces), 2, &["--bounce-dicing"]);
     let words = ["embree-grid", "cannot be stored", "compact"];
     expect(
         build(&bench, "sheet.usda", &["--method", "embree-grid"]),

@@ -110,6 +110,8 @@ pub(super) fn moved<'a>(rows: impl Iterator<Item = (&'a str, Option<AchievedErro
         let (max, rms) = (error.max_diagonals, error.rms_diagonals);
         let what = if method == Method::Compressed.name() {
             "slabs thick by"
+        } else if method == Method::Nonlinear.name() {
+            "micro-vertices beside their parameters by"
         } else if method == Method::Dbvh.name() {
             "quads off the displaced limit surface by"
         } else {

@@ -151,6 +151,17 @@ impl Method {
                 dicing: 4 * keys * triangles + grids,
                 commit: 0,
             },
+            // Heights of 2 bytes, ranges of 64 bytes for 16 x 16 quads at most, and quads of some 500 micro-triangles, where
+            // they are no more than 16384. Heights are found in single precision, and copied.
+            Self::Nonlinear => {
+                let quads = (triangles / 500).max(16384).min(triangles) + faces;
+                let heights = counts.micro_vertices + counts.on_edges;
+                Need {
+                    held: keys * (2 * heights + 80 * counts.of_9 + 80 * quads) + 80 * faces,
+                    dicing: keys * (6 * heights + 80 * counts.of_9 + 20 * quads) + 3 * shared,
+                    commit: 0,
+                }
+            }
             Self::Cache => Need {
                 held: 12 * faces * keys + 40 * keys * counts.of_28 + 32 * faces,
                 dicing: keys * 100 * counts.of_28 + grids,

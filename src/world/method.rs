@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::accel::{
     Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions,
-    Intersector, Keep, MaxError, Stored, Tessellated, Trimmed,
+    Intersector, Keep, MaxError, Nonlinear, Stored, Tessellated, Trimmed,
 };
 use crate::error::Result;
 use crate::math::Vec2;
@@ -37,6 +37,8 @@ pub enum Method {
     Cache,
     /// Micro-triangles that are computed where rays pass, of a surface as few quads and an image.
     Dbvh,
+    /// Heights over prisms, traced by bent rays.
+    Nonlinear,
 }
 
 /// How the surfaces of a scene are traced.
@@ -138,7 +140,7 @@ pub enum HitPlaces {
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::EmbreeSubdivision,
         Self::EmbreeTriangles,
         Self::EmbreeGrid,
@@ -148,6 +150,7 @@ impl Method {
         Self::Compressed,
         Self::Cache,
         Self::Dbvh,
+        Self::Nonlinear,
     ];
 
     /// Its name on the command line and in reports.
@@ -162,6 +165,7 @@ impl Method {
             Self::Compressed => "compressed",
             Self::Cache => "cache",
             Self::Dbvh => "dbvh",
+            Self::Nonlinear => "nonlinear",
         }
     }
 
@@ -183,6 +187,7 @@ impl Method {
                 "the micro-triangles of compact, diced when rays come to them, in a cache of fixed size"
             }
             Self::Dbvh => "micro-triangles computed where rays pass, from few quads and the image",
+            Self::Nonlinear => "heights over prisms, traced by bent rays: no micro-triangles",
         }
     }
 
@@ -215,7 +220,7 @@ impl Method {
             | Self::Tessellated
             | Self::Compact
             | Self::Cache => true,
-            Self::EmbreeSubdivision | Self::Compressed | Self::Dbvh => false,
+            Self::EmbreeSubdivision | Self::Compressed | Self::Dbvh | Self::Nonlinear => false,
         }
     }
 
@@ -327,6 +332,11 @@ impl Method {
             }
             Self::Dbvh => {
                 let tree = Dbvh::build(surface, rates, &DbvhOptions::default(), how.go_on)?;
+                thick = Some(tree.achieved());
+                of_hit(tree, surface, device)?
+            }
+            Self::Nonlinear => {
+                let tree = Nonlinear::build(surface, rates, how.go_on)?;
                 thick = Some(tree.achieved());
                 of_hit(tree, surface, device)?
             }

@@ -84,7 +84,8 @@ fn cautious(items: &[Item], methods: &[Method]) -> u64 {
         | Method::Compact
         | Method::Compressed
         | Method::Cache
-        | Method::Dbvh => 0,
+        | Method::Dbvh
+        | Method::Nonlinear => 0,
     };
     let of_embree: u64 = items.iter().zip(methods).map(of_embree).sum();
     peak(items, methods) + of_embree / 5

@@ -162,7 +162,8 @@ fn no_ray_escapes_what_ptex_displaces() {
         | Method::Compact
         | Method::Compressed
         | Method::Cache
-        | Method::Dbvh => 0,
+        | Method::Dbvh
+        | Method::Nonlinear => 0,
         _ => effort(1_000_000) / 10_000_000,
     };
     lost.retain(|&(method, escaped)| escaped > allowed(method));

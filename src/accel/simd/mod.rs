@@ -61,6 +61,16 @@ pub(super) trait Lanes: Copy {
     fn less(self, a: Self::Floats, b: Self::Floats) -> u32;
     /// A bit for each lane where `a <= b`.
     fn less_equal(self, a: Self::Floats, b: Self::Floats) -> u32;
+    /// The square root.
+    fn sqrt(self, a: Self::Floats) -> Self::Floats;
+    /// Where `a < b` the lane of `then`, and elsewhere that of `otherwise`.
+    fn if_less(
+        self,
+        a: Self::Floats,
+        b: Self::Floats,
+        then: Self::Floats,
+        otherwise: Self::Floats,
+    ) -> Self::Floats;
 
     fn add_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
     fn and_ints(self, a: Self::Ints, b: Self::Ints) -> Self::Ints;
@@ -111,6 +121,15 @@ pub(super) trait Lanes: Copy {
     /// # Panics
     /// If `width` exceeds [`NARROW`], or fewer than 16 bytes follow.
     fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> Self::Ints;
+
+    /// Four numbers from each of four places in `values`.
+    ///
+    /// # Panics
+    /// If fewer than four follow any of the places.
+    fn fours(self, values: &[u16], places: [usize; 4]) -> Self::Ints;
+
+    /// Sixteen numbers.
+    fn shorts(self, values: &[u16; LANES]) -> Self::Ints;
 
     /// For each lane, the entry of `table` that its number in `numbers` names.
     fn pick(self, numbers: &Nibbles, table: Self::Floats) -> Self::Floats;

@@ -88,6 +88,20 @@ impl Lanes for Portable {
         bits(a, b, |a, b| a <= b)
     }
     #[inline(always)]
+    fn sqrt(self, a: Floats) -> Floats {
+        a.map(f32::sqrt)
+    }
+    #[inline(always)]
+    fn if_less(self, a: Floats, b: Floats, then: Floats, otherwise: Floats) -> Floats {
+        let mut out = otherwise;
+        for i in 0..LANES {
+            if a[i] < b[i] {
+                out[i] = then[i];
+            }
+        }
+        out
+    }
+    #[inline(always)]
     fn add_ints(self, a: Ints, b: Ints) -> Ints {
         each(a, b, i32::wrapping_add)
     }
@@ -210,6 +224,20 @@ impl Lanes for Portable {
             *out = ((all >> (i as u32 * width)) as u32 & fields.mask) as i32;
         }
         out
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> Ints {
+        let mut out = [0; LANES];
+        for (four, place) in out.chunks_exact_mut(4).zip(places) {
+            for (out, value) in four.iter_mut().zip(&values[place..place + 4]) {
+                *out = i32::from(*value);
+            }
+        }
+        out
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> Ints {
+        values.map(i32::from)
     }
     #[inline(always)]
     fn pick(self, numbers: &Nibbles, table: Floats) -> Floats {

@@ -26,6 +26,7 @@ impl Body for All<'_> {
         let ints = lanes.and_ints(ints, lanes.ints(0x00ff_ff7f));
         let bytes: &[u8; LANES] = self.bytes[..LANES].try_into().expect("sixteen");
         let nibbles = bytes.map(|byte| byte & 15);
+        let shorts = bytes.map(|byte| 257 * u16::from(byte));
         let floats = [
             lanes.add(a, b),
             lanes.sub(a, b),
@@ -39,6 +40,10 @@ impl Body for All<'_> {
             lanes.to_floats(ints),
             lanes.floats(self.a[3]),
             lanes.pick(&Nibbles::new(nibbles), a),
+            lanes.sqrt(lanes.max(a, lanes.floats(0.0))),
+            lanes.if_less(a, b, b, a),
+            lanes.to_floats(lanes.fours(&shorts, [3, 0, 12, 7])),
+            lanes.to_floats(lanes.shorts(&shorts)),
             lanes.to_floats(lanes.narrow_fields(
                 self.bytes,
                 self.rows[0],

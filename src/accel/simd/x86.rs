@@ -65,6 +65,22 @@ fn windows(bytes: &[u8], rows: [usize; 2], width: u32) -> (&'static Fields, [*co
     (fields, places)
 }
 
+/// Four shorts from each of four places, two places to a register.
+#[inline(always)]
+fn four_places(values: &[u16], [a, b, c, d]: [usize; 4]) -> [__m128i; 2] {
+    let (a, b) = (four(values, a), four(values, b));
+    let (c, d) = (four(values, c), four(values, d));
+    // SAFETY: every x86-64 processor has SSE2; no memory is touched.
+    unsafe { [_mm_unpacklo_epi64(a, b), _mm_unpacklo_epi64(c, d)] }
+}
+
+#[inline(always)]
+fn four(values: &[u16], place: usize) -> __m128i {
+    let four = &values[place..place + 4];
+    // SAFETY: every x86-64 processor has SSE2; 8 bytes are there.
+    unsafe { _mm_loadl_epi64(four.as_ptr().cast()) }
+}
+
 impl Lanes for Avx512 {
     type Floats = __m512;
     type Ints = __m512i;
@@ -123,6 +139,18 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn less_equal(self, a: __m512, b: __m512) -> u32 {
         u32::from(op!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b)))
+    }
+    #[inline(always)]
+    fn sqrt(self, a: __m512) -> __m512 {
+        op!(_mm512_sqrt_ps(a))
+    }
+    #[inline(always)]
+    fn if_less(self, a: __m512, b: __m512, then: __m512, otherwise: __m512) -> __m512 {
+        op!(_mm512_mask_blend_ps(
+            _mm512_cmp_ps_mask::<_CMP_LT_OQ>(a, b),
+            otherwise,
+            then
+        ))
     }
     #[inline(always)]
     fn add_ints(self, a: __m512i, b: __m512i) -> __m512i {
@@ -261,6 +289,16 @@ impl Lanes for Avx512 {
         }
     }
     #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> __m512i {
+        let all = four_places(values, places);
+        op!(_mm512_cvtepu16_epi32(_mm256_set_m128i(all[1], all[0])))
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> __m512i {
+        // SAFETY: the token says that the instructions are there; 32 bytes are.
+        unsafe { _mm512_cvtepu16_epi32(_mm256_loadu_si256(values.as_ptr().cast())) }
+    }
+    #[inline(always)]
     fn pick(self, numbers: &Nibbles, table: __m512) -> __m512 {
         op!({
             let both = _mm512_set1_epi64(i64::from_le_bytes(numbers.0));
@@ -371,6 +409,31 @@ impl Lanes for Avx2 {
     fn less_equal(self, a: [__m256; 2], b: [__m256; 2]) -> u32 {
         let bits = |i: usize| op!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a[i], b[i])));
         (bits(0) | (bits(1) << 8)) as u32
+    }
+    #[inline(always)]
+    fn sqrt(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_sqrt_ps(a[0]), _mm256_sqrt_ps(a[1])])
+    }
+    #[inline(always)]
+    fn if_less(
+        self,
+        a: [__m256; 2],
+        b: [__m256; 2],
+        then: [__m256; 2],
+        otherwise: [__m256; 2],
+    ) -> [__m256; 2] {
+        op!([
+            _mm256_blendv_ps(
+                otherwise[0],
+                then[0],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[0], b[0])
+            ),
+            _mm256_blendv_ps(
+                otherwise[1],
+                then[1],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[1], b[1])
+            ),
+        ])
     }
     #[inline(always)]
     fn add_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
@@ -566,6 +629,22 @@ impl Lanes for Avx2 {
                     _mm256_srlv_epi32(high, _mm256_loadu_si256(shift.add(1))),
                     mask,
                 ),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> [__m256i; 2] {
+        let all = four_places(values, places);
+        op!([_mm256_cvtepu16_epi32(all[0]), _mm256_cvtepu16_epi32(all[1])])
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> [__m256i; 2] {
+        let at = values.as_ptr().cast::<__m128i>();
+        // SAFETY: the token says that the instructions are there; twice 16 bytes are.
+        unsafe {
+            [
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at)),
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at.wrapping_add(1))),
             ]
         }
     }

@@ -1,0 +1,308 @@
+//! Where a ray is within the prisms over a base quad: between its corners' lines, over one of its two triangles.
+//!
+//! The space is sheared along the ray, which then is a point, zero (Woop, Benthin, Wald, "Watertight Ray/Triangle
+//! Intersection", 2013). A corner's line is `a + h n` there, two coordinates and `t`. At height h the ray is in a triangle of
+//! corners i, j, k if
+//!
+//! ```text
+//!   U_k(h) = (a_i + h n_i) × (a_j + h n_j)
+//! ```
+//!
+//! and its two sisters have one sign: they are quadratics of h, their shares of the sum d(h) are the weights of the corners,
+//! and their sum, d, is the denominator that all coordinates of the ray share. In the neighbour across the side U is the same
+//! numbers, negated to the bit, so its roots are the same: where a ray leaves a prism, there it enters the next.
+//!
+//! Single precision for what is given, double for the rest: this is done once for a ray and a quad. A triangle that the ray
+//! runs along has no d; the ray is turned by a few billionths of a right angle, so that none runs along the axes and planes
+//! that scenes are made of.
+
+use arrayvec::ArrayVec;
+
+use crate::math::{DVec3, Ray, quadratic};
+
+/// A ray that is a point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sheared {
+    origin: DVec3,
+    /// The third axis is the one along which the ray runs most.
+    axes: [usize; 3],
+    /// How far it goes along the other two meanwhile.
+    shear: [f64; 2],
+    /// `t` for a step along the third axis.
+    per_step: f64,
+}
+
+/// A corner's line.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Pole {
+    /// Across the ray twice, then its `t`, at height 0.
+    pub(super) foot: [f64; 3],
+    /// The same for a step of height.
+    pub(super) rise: [f64; 3],
+}
+
+/// A part of a ray within a triangle's prism, from one end to the other: `t` is less there, and grows unless the prism folds.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Span {
+    /// Heights of the ends.
+    pub(super) heights: [f64; 2],
+    /// d and the weights of the three corners times d, as Bernstein coefficients from one end to the other; d is positive at
+    /// both.
+    pub(super) weights: [[f64; 3]; 3],
+    /// `t` at the ends.
+    pub(super) t: [f64; 2],
+    /// The side that an end is on, if it is on one: the corner opposite.
+    pub(super) sides: [Option<usize>; 2],
+}
+
+/// By how much a ray is turned, and whereto.
+const TURN: f64 = 1.0 / (1_u64 << 30) as f64;
+const ASIDE: DVec3 = DVec3::new(0.374_911_8, 0.618_433_7, 0.690_583_1);
+
+impl Sheared {
+    #[inline(always)]
+    pub(super) fn new(ray: &Ray) -> Self {
+        let d = ray.direction.as_dvec3();
+        let d = d + TURN * d.abs().max_element() * ASIDE;
+        let z = d.abs().max_position();
+        let axes = [(z + 1) % 3, (z + 2) % 3, z];
+        let per_step = 1.0 / d[z];
+        Self {
+            origin: ray.origin.as_dvec3(),
+            axes,
+            shear: [d[axes[0]] * per_step, d[axes[1]] * per_step],
+            per_step,
+        }
+    }
+
+    /// A corner's line, which starts at `p` and goes on by `n`.
+    #[inline(always)]
+    pub(super) fn pole(&self, [p, n]: [DVec3; 2]) -> Pole {
+        let p = p - self.origin;
+        Pole {
+            foot: self.sheared(p),
+            rise: self.sheared(n),
+        }
+    }
+
+    #[inline(always)]
+    fn sheared(&self, v: DVec3) -> [f64; 3] {
+        let [x, y, z] = self.axes;
+        [
+            v[x] - self.shear[0] * v[z],
+            v[y] - self.shear[1] * v[z],
+            v[z] * self.per_step,
+        ]
+    }
+}
+
+impl Pole {
+    /// `t` of the point at a height.
+    #[inline(always)]
+    pub(super) fn t(&self, height: f64) -> f64 {
+        self.foot[2] + height * self.rise[2]
+    }
+}
+
+/// U of a side, by powers of h.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Side([f64; 3]);
+
+impl Side {
+    #[inline(always)]
+    pub(super) fn new(i: &Pole, j: &Pole) -> Self {
+        let cross = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[1] - a[1] * b[0];
+        Self([
+            cross(&i.foot, &j.foot),
+            cross(&i.foot, &j.rise) + cross(&i.rise, &j.foot),
+            cross(&i.rise, &j.rise),
+        ])
+    }
+
+    /// The same seen from the other side.
+    #[inline(always)]
+    pub(super) fn reversed(&self) -> Self {
+        Self([-self.0[0], -self.0[1], -self.0[2]])
+    }
+
+    #[inline(always)]
+    fn at(&self, h: f64) -> f64 {
+        let [a, b, c] = self.0;
+        a + h * (b + h * c)
+    }
+
+    /// Its Bernstein coefficients between two heights.
+    #[inline(always)]
+    fn bernstein(&self, ends: [f64; 2]) -> [f64; 3] {
+        [self.at(ends[0]), self.between(ends), self.at(ends[1])]
+    }
+
+    /// Its middle Bernstein coefficient between two heights.
+    #[inline(always)]
+    fn between(&self, [from, to]: [f64; 2]) -> f64 {
+        let [a, b, c] = self.0;
+        a + 0.5 * b * (from + to) + c * from * to
+    }
+}
+
+/// A place where a ray may enter or leave.
+#[derive(Clone, Copy)]
+struct Cut {
+    height: f64,
+    /// The side that it is on, if it is on one.
+    side: Option<usize>,
+}
+
+/// The most parts of a ray in one prism: three quadratics cut it six times.
+pub(super) const MOST_SPANS: usize = 7;
+
+/// The parts of the ray between two heights in the prism of three corners, whose sides are given by the corner opposite.
+#[inline(always)]
+pub(super) fn spans(
+    corners: [&Pole; 3],
+    sides: [Side; 3],
+    [low, high]: [f64; 2],
+) -> ArrayVec<Span, MOST_SPANS> {
+    let mut found = ArrayVec::new();
+    let bernstein = [
+        sides[0].bernstein([low, high]),
+        sides[1].bernstein([low, high]),
+        sides[2].bernstein([low, high]),
+    ];
+    let mut possible = [true; 2];
+    for [a, b, c] in &bernstein {
+        possible[0] &= !(*a < 0.0 && *b < 0.0 && *c < 0.0);
+        possible[1] &= !(*a > 0.0 && *b > 0.0 && *c > 0.0);
+    }
+    if possible == [false; 2] {
+        return found;
+    }
+    let end = |height| Cut { height, side: None };
+    let mut cuts: ArrayVec<Cut, 8> = ArrayVec::new();
+    cuts.push(end(low));
+    for (k, (side, bernstein)) in sides.iter().zip(&bernstein).enumerate() {
+        let [p, q, r] = *bernstein;
+        if (p > 0.0) == (q > 0.0) && (q > 0.0) == (r > 0.0) {
+            continue;
+        }
+        let [a, b, c] = side.0;
+        for height in quadratic(c, b, a).into_iter().flatten() {
+            if height > low && height < high {
+                cuts.push(Cut {
+                    height,
+                    side: Some(k),
+                });
+            }
+        }
+    }
+    cuts[1..].sort_unstable_by(|a, b| a.height.total_cmp(&b.height));
+    cuts.push(end(high));
+    for pair in cuts.windows(2) {
+        let [from, to] = [pair[0], pair[1]];
+        let middle = 0.5 * (from.height + to.height);
+        let inside = [
+            sides[0].at(middle),
+            sides[1].at(middle),
+            sides[2].at(middle),
+        ];
+        let sign = match inside {
+            _ if possible[0] && inside.iter().all(|&u| u >= 0.0) => 1.0,
+            _ if possible[1] && inside.iter().all(|&u| u <= 0.0) => -1.0,
+            _ => continue,
+        };
+        if let Some(span) = span(corners, &sides, [from, to], sign) {
+            found.push(span);
+        }
+    }
+    found
+}
+
+#[inline(always)]
+fn span(corners: [&Pole; 3], sides: &[Side; 3], ends: [Cut; 2], sign: f64) -> Option<Span> {
+    let heights = [ends[0].height, ends[1].height];
+    // By end, or the middle, and corner.
+    let mut weights = [[0.0; 3]; 3];
+    let mut t = [0.0; 2];
+    for (e, end) in ends.iter().enumerate() {
+        let mut sum = 0.0;
+        for k in 0..3 {
+            let u = if end.side == Some(k) {
+                0.0
+            } else {
+                // Beyond by a rounding, where sides meet.
+                (sign * sides[k].at(end.height)).max(0.0)
+            };
+            weights[2 * e][k] = u;
+            sum += u;
+        }
+        if sum.is_nan() || sum <= 0.0 {
+            return None;
+        }
+        let mut along = 0.0;
+        for k in 0..3 {
+            along += weights[2 * e][k] * corners[k].t(end.height);
+        }
+        t[e] = along / sum;
+    }
+    for k in 0..3 {
+        weights[1][k] = sign * sides[k].between(heights);
+    }
+    let sides = [ends[0].side, ends[1].side];
+    let span = Span {
+        heights,
+        weights,
+        t,
+        sides,
+    };
+    Some(span.onward())
+}
+
+impl Span {
+    /// From the nearer end to the farther one.
+    #[inline(always)]
+    fn onward(mut self) -> Self {
+        if self.t[1] < self.t[0] {
+            self.sides.swap(0, 1);
+            self.heights.swap(0, 1);
+            self.t.swap(0, 1);
+            self.weights.swap(0, 2);
+        }
+        self
+    }
+
+    /// The part of it between two places, 0..1 each.
+    pub(super) fn part(&self, [from, to]: [f64; 2], corners: [&Pole; 3]) -> Option<Self> {
+        let [w0, w1, w2] = &self.weights;
+        let weights = [[from, from], [from, to], [to, to]].map(|[x, y]| {
+            [0, 1, 2].map(|k| {
+                let first = w0[k] + x * (w1[k] - w0[k]);
+                let second = w1[k] + x * (w2[k] - w1[k]);
+                first + y * (second - first)
+            })
+        });
+        let height = |x: f64| self.heights[0] + x * (self.heights[1] - self.heights[0]);
+        let mut part = Self {
+            heights: [height(from), height(to)],
+            weights,
+            t: self.t,
+            sides: [None; 2],
+        };
+        for (e, place) in [from, to].into_iter().enumerate() {
+            if place == e as f64 {
+                // The same to the bit, as in the next prism.
+                part.heights[e] = self.heights[e];
+                part.weights[2 * e] = self.weights[2 * e];
+                part.sides[e] = self.sides[e];
+                continue;
+            }
+            let weights = &part.weights[2 * e];
+            let sum = weights[0] + weights[1] + weights[2];
+            if sum.is_nan() || sum <= 0.0 {
+                return None;
+            }
+            let along = (0..3).map(|k| weights[k] * corners[k].t(part.heights[e]));
+            part.t[e] = along.sum::<f64>() / sum;
+        }
+        Some(part.onward())
+    }
+}
