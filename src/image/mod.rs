@@ -23,7 +23,7 @@ pub use png::{write_png, write_png_bytes};
 pub use ptex::{PtexFilter, PtexHeights, PtexOptions, PtexTexture};
 pub use source::{ColorSpace, ImageSource, Wrap};
 pub use temporary::{check_destination, write_whole};
-pub use texture::{FROM_BYTE, Fold, TexelKind, Texels, Texture};
+pub use texture::{FROM_BYTE, Fold, TexelKind, TexelOrder, Texels, Texture};
 
 /// The sRGB curve (IEC 61966-2-1): encoded to linear light.
 pub(crate) fn linear_from_srgb(encoded: f32) -> f32 {

@@ -8,6 +8,7 @@
 
 mod levels;
 mod load;
+mod order;
 mod slope;
 mod texels;
 
@@ -18,6 +19,7 @@ use half::slice::HalfFloatSliceExt;
 
 use self::levels::{Level, Sheet};
 use self::load::{How, expected_bytes, load_files, load_packed, tame};
+pub use self::order::TexelOrder;
 pub use self::texels::{FROM_BYTE, Fold, TexelKind, Texels};
 use super::border::{Info, Pixels};
 use super::{ColorSpace, ImageSource, Wrap, linear_from_srgb};
@@ -51,6 +53,7 @@ struct Tile {
     layout: Layout,
     /// Interleaved, row 0 on top.
     pixels: Pixels,
+    order: TexelOrder,
     /// What a byte of colour means; alpha is always linear.
     color: &'static [f32; 256],
     /// Half the size, a quarter, ... down to one texel; none if lookups are not to cover areas.
@@ -186,6 +189,7 @@ impl Texture {
                 size: [1, 1],
                 layout: Layout::Rgba,
                 pixels: Pixels::Float(pixels),
+                order: TexelOrder::rows(1),
                 color: &LINEAR,
                 smaller: Vec::new(),
             }],
@@ -280,6 +284,8 @@ impl Texture {
                 size,
                 layout,
                 pixels,
+                // It follows from the size.
+                order: _,
                 color,
                 // Displacement, of which stores ask, is looked up at the full size.
                 smaller: _,
@@ -404,7 +410,7 @@ impl Sheet<'_> {
     #[inline]
     fn texel(&self, x: u32, y: u32) -> Vec4 {
         let channels = self.layout.channels();
-        let first = (y as usize * self.size[0] as usize + x as usize) * channels;
+        let first = (self.order.row(y) + self.order.column(x)) * channels;
         let mut v = [0.0; 4];
         match self.pixels {
             Pixels::Byte(pixels) => {

@@ -6,7 +6,7 @@
 //! bits that a vertex takes at most. So they are rather too large: by a tenth for Embree's, and up to twice for ours.
 
 use super::method::Method;
-use crate::surface::{Rates, Surface};
+use crate::surface::{Displacement, Rates, Surface};
 
 /// What a surface is diced into.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -25,7 +25,14 @@ pub struct Counts {
     of_9: u64,
     of_28: u64,
     of_40: u64,
+    /// Micro-quads, of each face no more than are as much as all quads that it may be cut into.
+    in_quads: u64,
+    /// Vertices whose heights are kept where they are not looked up in an image as it is.
+    asked_once: u64,
 }
+
+/// What quads take of a face at most, in micro-quads' shares: 128 x 128 of five each.
+const MOST_IN_QUADS: u64 = 5 * 128 * 128;
 
 /// Bytes that a method takes of a surface.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -62,6 +69,12 @@ impl Counts {
             keys: base.keys().into(),
             ..Self::default()
         };
+        let is_asked = match surface.displacement() {
+            Displacement::None => false,
+            Displacement::Scalar(amount) | Displacement::Vector(amount, _) => {
+                amount.map.image().is_none()
+            }
+        };
         for face in (0..base.faces()).filter(|&face| !base.is_hole(face)) {
             let [u, v] = rates.face(face).map(u64::from);
             let parts = |of: u64| u.div_ceil(of) * v.div_ceil(of);
@@ -74,6 +87,10 @@ impl Counts {
             counts.of_9 += parts(9);
             counts.of_28 += parts(28);
             counts.of_40 += parts(40);
+            counts.in_quads += (u * v).min(MOST_IN_QUADS);
+        }
+        if is_asked {
+            counts.asked_once = counts.micro_vertices;
         }
         counts
     }
@@ -96,6 +113,8 @@ impl Counts {
             of_9: parts(9),
             of_28: parts(28),
             of_40: parts(40),
+            in_quads: quads,
+            asked_once: 0,
         }
     }
 }
@@ -145,10 +164,13 @@ impl Method {
                 dicing: shared + keys * (40 * counts.of_9 + 220 * counts.of_40) + grids,
                 commit: 0,
             },
-            // Where the surface is strongly curved, quads of a few micro-quads with corners, borders and a patch each.
+            // Where the surface is strongly curved, quads of a few micro-quads with corners, borders and a patch each; but no
+            // more than it may be cut into. A block's heights, and those of parts above it, take 2.4 bytes.
             Self::Dbvh => Need {
-                held: 8 * keys * triangles + 64 * faces,
-                dicing: 4 * keys * triangles + grids,
+                held: keys * (12 * counts.in_quads + 4 * counts.asked_once)
+                    + 3 * counts.of_7
+                    + 192 * faces,
+                dicing: 8 * keys * counts.in_quads + grids,
                 commit: 0,
             },
             // Heights of 2 bytes, ranges of 64 bytes for 16 x 16 quads at most, and quads of some 500 micro-triangles, where

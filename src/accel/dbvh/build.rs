@@ -1,13 +1,15 @@
 //! Building: quads, what edges keep, and ranges of heights. Nothing is diced.
 
+use mapped::Large;
 use rayon::prelude::*;
 
 use super::block::{Block, Quad, Sheet, Single};
 use super::edges::{self, Plan};
-use super::face::{Corner, Face, Patch, Span};
+use super::face::{Corner, Face, Patch};
 use super::heights::{Heights, Range, Ranges, Source};
+use super::part::Part;
+use super::shadows::shadows;
 use super::source::{displaced, heights, look_up, range, source};
-use super::traverse::shadows;
 use super::woven::{Net, Woven};
 use super::{Dbvh, DbvhOptions};
 use crate::accel::lattice::{Extent, Lattice, REACH};
@@ -16,10 +18,14 @@ use crate::accel::simd::{Body, Isa, LANES, Lanes};
 use crate::accel::top::Top;
 use crate::error::{Error, Result};
 use crate::math::{Bounds3, Vec3};
+use crate::memory::{amount, none_left};
 use crate::surface::{Amount, Displacement, FaceGrid, Rates, Shell, ShellTolerance, Surface, Torn};
 
-/// Patches that are in work at once.
-const BATCH: usize = 256;
+/// Patches, or places for their parts, that are in work at once.
+const BATCH: usize = 1 << 12;
+
+/// Parts that a thread takes at once.
+const CHUNK: usize = 16;
 
 /// What boxes are larger by on all sides, steps of the lattice: a few roundings of its largest coordinates.
 const MARGIN: f32 = 16.0;
@@ -100,6 +106,7 @@ impl Dbvh {
                 code: [0.0, 1.0],
             },
             built_for,
+            highest: 0.0,
             lattice,
             faces,
             corners,
@@ -107,12 +114,13 @@ impl Dbvh {
             kept: Vec::new(),
             top: Top::default(),
             patches: Vec::new(),
-            ranges: Vec::new(),
+            ranges: Large::default(),
             shell: shell.achieved(),
             pixels_per_unit: rates.pixels_per_unit(),
         };
         drop(shell);
         tree.set(amount, range);
+        tree.find_flat();
         tree.patch(&|done| go_on(0.2 + 0.8 * done))?;
         Ok(tree)
     }
@@ -123,6 +131,10 @@ impl Dbvh {
         self.heights.scale = amount.map_or(0.0, |amount| amount.scale / step);
         self.heights.bias = amount.map_or(0.0, |amount| amount.bias / step);
         self.heights.encode(range);
+        let [low, high] = range.map(|value| value * self.heights.scale);
+        let built_for = self.built_for.map(|height| height / step);
+        let all = [low, high, self.heights.bias, built_for[0], built_for[1]];
+        self.highest = all.into_iter().map(f32::abs).fold(0.0, f32::max);
         self.kept = self.keep(amount);
         self.measure_slack();
     }
@@ -164,6 +176,33 @@ impl Dbvh {
         }
     }
 
+    /// Notes which faces are flat, for all heights that it is built for.
+    fn find_flat(&mut self) {
+        let highest = self.highest;
+        let corners = &self.corners;
+        self.faces.par_iter_mut().for_each(|face| {
+            let [columns, rows] = face.quads;
+            let (mut bent, mut finest) = (0.0_f32, f32::MAX);
+            for quad in (0..rows).flat_map(|j| (0..columns).map(move |i| [i, j])) {
+                for corners in corners {
+                    let [a, b, c, d] = face.corners(quad).map(|c| &corners[c]);
+                    let p = [a, b, c, d].map(|corner| Vec3::from(corner.p));
+                    let n = [a, b, c, d].map(|corner| Vec3::from(corner.n));
+                    let twist = |[a, b, c, d]: [Vec3; 4]| (d - c) - (b - a);
+                    let turned = (n[1] - n[0]).abs() + (n[2] - n[0]).abs() + twist(n).abs();
+                    let off = 0.25 * twist(p).abs() + highest * turned;
+                    bent = bent.max(off.max_element());
+                    for (k, along) in [p[1] - p[0], p[2] - p[0]].into_iter().enumerate() {
+                        finest = finest.min(along.length() / f32::from(face.cells[k]));
+                    }
+                }
+            }
+            // Next to nothing of a micro-quad.
+            face.is_flat = 32.0 * bent <= finest;
+            face.bent = bent;
+        });
+    }
+
     /// Cuts quads into patches, and puts these into a tree.
     fn patch(&mut self, go_on: &dyn Fn(f64) -> bool) -> Result<()> {
         let mut patches = Vec::new();
@@ -191,14 +230,17 @@ impl Dbvh {
         let (top, mut order) = Top::new(extents);
         // In the order of the leaves; in place, since there may be very many.
         put_in_order(&mut self.patches, &mut order);
-        order.clear();
-        for patch in &mut self.patches {
-            if !self.faces[patch.face as usize].span(patch).is_single() {
-                let place = order.len() as u32;
-                order.push(std::mem::replace(&mut patch.ranges, place));
+        if self.ranges.len() <= self.patches.len() {
+            // And so what they keep, where that is alike.
+            order.clear();
+            for patch in &mut self.patches {
+                if self.faces[patch.face as usize].levels > 0 {
+                    let place = order.len() as u32;
+                    order.push(std::mem::replace(&mut patch.ranges, place));
+                }
             }
+            put_in_order(&mut self.ranges, &mut order);
         }
-        put_in_order(&mut self.ranges, &mut order);
         self.top = top;
         Ok(())
     }
@@ -209,36 +251,107 @@ impl Dbvh {
         let (scale, bias) = (self.heights.scale, self.heights.bias);
         (self.heights.scale, self.heights.bias) = (1.0, 0.0);
         let mut patches = std::mem::take(&mut self.patches);
-        let mut all: Vec<Ranges> = Vec::new();
-        let mut done = 0;
-        let whole = patches.len();
-        for batch in patches.chunks_mut(BATCH) {
-            let this: &Self = self;
-            let of_patch = |patch: &Patch| this.isa.run(RangesOf { tree: this, patch });
-            let ranges: Vec<[Range; LANES]> = batch.par_iter().map(of_patch).collect();
-            for (patch, ranges) in batch.iter_mut().zip(ranges) {
-                let span = self.faces[patch.face as usize].span(patch);
-                if span.is_single() {
-                    patch.ranges = ranges[0];
-                } else {
-                    patch.ranges = all.len() as u32;
-                    all.push(Ranges::new(&ranges, span.there()));
-                }
+        let mut ranges = std::mem::take(&mut self.ranges);
+        let this: &Self = self;
+        let levels = |patch: &Patch| this.faces[patch.face as usize].levels;
+        let inner_parts = |patch: &Patch| this.faces[patch.face as usize].inner_parts(patch);
+        if ranges.is_empty() {
+            let mut count = 0;
+            for patch in &mut patches {
+                patch.ranges = count as u32;
+                count += inner_parts(patch);
             }
-            done += batch.len();
-            if !go_on(done as f64 / whole as f64) {
-                return Err(Error::Interrupted);
-            }
+            ranges = Large::zeros(count).map_err(|_| {
+                let bytes = count as f64 * size_of::<Ranges>() as f64;
+                none_left(format!("ranges of heights take {}", amount(bytes)))
+            })?;
         }
-        all.shrink_to_fit();
-        (self.patches, self.ranges) = (patches, all);
+        let whole = (patches.len() + ranges.len()) as f64;
+        let mut done = 0;
+        let mut goes_on = |more: usize| {
+            done += more;
+            go_on(done as f64 / whole)
+        };
+        let mut went_on = true;
+        // Those that are but a block.
+        for batch in patches.chunks_mut(BATCH) {
+            batch
+                .par_iter_mut()
+                .filter(|patch| levels(patch) == 0)
+                .for_each(|patch| patch.ranges = this.ranges_in(patch, None)[0]);
+            went_on = went_on && goes_on(batch.len());
+        }
+        // Those with parts, in the order of their places.
+        let mut order: Vec<&Patch> = patches.iter().filter(|patch| levels(patch) > 0).collect();
+        order.par_sort_unstable_by_key(|patch| patch.ranges);
+        let mut order = order.into_iter().peekable();
+        let mut free = &mut *ranges;
+        while went_on && order.peek().is_some() {
+            let mut batch = Vec::new();
+            let mut work = 0;
+            while work < BATCH
+                && let Some(patch) = order.next()
+            {
+                let (places, others) = std::mem::take(&mut free).split_at_mut(inner_parts(patch));
+                work += places.len();
+                batch.push((patch, places));
+                free = others;
+            }
+            batch
+                .par_iter_mut()
+                .for_each(|(patch, places)| this.look_at_parts(patch, places));
+            went_on = goes_on(work);
+        }
+        (self.patches, self.ranges) = (patches, ranges);
         (self.heights.scale, self.heights.bias) = (scale, bias);
-        Ok(())
+        if went_on {
+            Ok(())
+        } else {
+            Err(Error::Interrupted)
+        }
     }
 
-    /// The heights of a patch's blocks.
-    pub(super) fn ranges_of(&self, patch: &Patch, span: &Span) -> Ranges {
-        if span.is_single() {
+    /// The values' ranges in a part's blocks, or in a patch that is but a block.
+    fn ranges_in(&self, patch: &Patch, part: Option<Part>) -> [Range; LANES] {
+        self.isa.run(RangesOf {
+            tree: self,
+            patch,
+            part,
+        })
+    }
+
+    /// Notes the values of all parts of a patch in their places.
+    fn look_at_parts(&self, patch: &Patch, places: &mut [Ranges]) {
+        let face = &self.faces[patch.face as usize];
+        let lowest = face.places(patch, 1);
+        let look_at = |(place, to): (usize, &mut Ranges)| {
+            let part = face.part_in(patch, 1, place);
+            *to = Ranges::new(&self.ranges_in(patch, Some(part)), face.there(&part));
+        };
+        places[lowest]
+            .par_iter_mut()
+            .with_min_len(CHUNK)
+            .enumerate()
+            .for_each(look_at);
+        for level in 2..=face.levels.into() {
+            let of_level = face.places(patch, level);
+            for place in 0..of_level.len() {
+                let part = face.part_in(patch, level, place);
+                let there = face.there(&part);
+                let mut ranges = [0; LANES];
+                for c in (0..LANES).filter(|c| there >> c & 1 == 1) {
+                    let child = part.child(c);
+                    let below = &places[face.place(patch, &child)];
+                    ranges[c] = below.all(face.there(&child));
+                }
+                places[of_level.start + place] = Ranges::new(&ranges, there);
+            }
+        }
+    }
+
+    /// The heights of a patch's largest parts.
+    pub(super) fn ranges_of(&self, patch: &Patch) -> Ranges {
+        if self.faces[patch.face as usize].levels == 0 {
             Ranges::new(&[patch.ranges; LANES], 1)
         } else {
             self.ranges[patch.ranges as usize]
@@ -268,10 +381,17 @@ impl Dbvh {
     /// A box around a patch.
     fn extent(&self, patch: &Patch, key: usize) -> Extent {
         let face = &self.faces[patch.face as usize];
-        let span = face.span(patch);
-        let ranges = self.ranges_of(patch, &span);
-        let block = Block::new(self, patch, &span);
-        let kept = if face.has_kept && block.is_border() {
+        let ranges = self.ranges_of(patch);
+        let root = face.root(patch);
+        let part = (root.level > 0).then_some(root);
+        let (there, is_border) = match &part {
+            Some(part) => (face.there(part), face.on_border(patch, part) != 0),
+            None => {
+                let block = Block::new(self, patch, &face.span(patch, root.at));
+                (1, block.is_border())
+            }
+        };
+        let kept = if face.has_kept && is_border {
             face.slack
         } else {
             0.0
@@ -280,19 +400,14 @@ impl Dbvh {
         let [columns, rows] = face.count(patch.quad).map(|n| n as u16);
         for (i, j) in (0..rows).flat_map(|j| (0..columns).map(move |i| (i, j))) {
             let quad = [patch.quad[0] + i, patch.quad[1] + j];
-            let mut part = span;
-            if face.is_woven() {
-                part.cells = face.cells.map(usize::from);
-            }
             let boxes = self.isa.run(BoxesOf {
                 tree: self,
                 face,
                 quad,
-                span: &part,
+                part,
                 ranges: &ranges,
                 key,
             });
-            let there = part.there();
             for c in (0..LANES).filter(|c| there >> c & 1 == 1) {
                 let reach = |k: usize| boxes[3 + k][c] + kept + MARGIN;
                 // All that there is lies within half of the lattice, and some roundings.
@@ -361,10 +476,11 @@ fn corners(shell: &Shell, key: u32, lattice: &Lattice) -> Vec<Corner> {
     shell.points(key).iter().map(corner).collect()
 }
 
-/// The values' ranges in a patch's blocks, as codes.
+/// The values' ranges in a part's blocks, or in a patch that is but a block, as codes.
 struct RangesOf<'a> {
     tree: &'a Dbvh,
     patch: &'a Patch,
+    part: Option<Part>,
 }
 
 impl Body for RangesOf<'_> {
@@ -372,14 +488,13 @@ impl Body for RangesOf<'_> {
 
     #[inline(always)]
     fn run<L: Lanes>(self, lanes: L) -> [Range; LANES] {
-        let Self { tree, patch } = self;
+        let Self { tree, patch, part } = self;
         let face = &tree.faces[patch.face as usize];
-        let span = face.span(patch);
-        let there = span.there();
         let mut out = [0; LANES];
         if face.is_woven() {
             let net = Net::new(tree, face, patch, &at_key(0));
             let sheet = Woven::new(lanes, face, patch, &net);
+            let span = face.span(patch, [0; 2]);
             out[0] = code(lanes, tree, &Block::new(tree, patch, &span), &sheet);
             return out;
         }
@@ -388,11 +503,19 @@ impl Body for RangesOf<'_> {
             p: [[0.0; 4]; 3],
             n: [[0.0; 4]; 3],
         };
+        let there = match &part {
+            Some(part) => face.there(part),
+            None => 1,
+        };
         for (c, out) in out.iter_mut().enumerate() {
             if there >> c & 1 == 0 {
                 continue;
             }
-            let block = Block::new(tree, patch, &span.child(c));
+            let at = match &part {
+                Some(part) => part.child(c).at,
+                None => [0; 2],
+            };
+            let block = Block::new(tree, patch, &face.span(patch, at));
             let sheet = Single::new(lanes, tree, patch, &block, &quad);
             *out = code(lanes, tree, &block, &sheet);
         }
@@ -429,12 +552,12 @@ fn code<L: Lanes>(lanes: L, tree: &Dbvh, block: &Block<'_>, sheet: &impl Sheet<L
     tree.heights.code(range)
 }
 
-/// Boxes around the blocks of a part of a quad at a motion key: centres and half of their sizes.
+/// Boxes around a part's children, or around a whole quad, at a motion key: centres and half of their sizes.
 struct BoxesOf<'a> {
     tree: &'a Dbvh,
     face: &'a Face,
     quad: [u16; 2],
-    span: &'a Span,
+    part: Option<Part>,
     ranges: &'a Ranges,
     key: usize,
 }
@@ -447,7 +570,7 @@ impl Body for BoxesOf<'_> {
         let Self { tree, face, .. } = self;
         let quad = Quad::new(tree.corners_at(face.corners(self.quad), &at_key(self.key)));
         let heights = tree.heights.ranges(lanes, self.ranges);
-        let boxes = shadows(lanes, face, self.span, &quad, heights);
+        let boxes = shadows(lanes, (face, self.part.as_ref()), &quad, heights);
         let mut out = [[0.0; LANES]; 6];
         for (out, of) in out.iter_mut().zip(boxes) {
             lanes.store(of, out);

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use super::Dbvh;
 use super::face::{Face, NONE, Side, share};
 use super::heights::Source;
+use super::part::cut;
 use crate::math::Vec3;
 use crate::surface::{Amount, Base, DisplacementPoint, FaceGrid, Rates, Shell, Torn, edge_uv};
 
@@ -283,12 +284,19 @@ pub(super) fn face(base: &dyn Base, grid: &FaceGrid, cells: [u16; 2]) -> Face {
         reversed: base.edge(grid.face, k).reversed,
         collapsed: base.is_collapsed(grid.face, k),
     };
+    let [(columns, across), (rows, up)] = cells.map(cut);
+    let blocks = [columns, rows];
     Face {
         face: grid.face,
         quads: grid.size,
         cells,
         group: Face::group(cells),
         share: cells.map(share),
+        blocks,
+        steps: [across, up],
+        levels: Face::levels(blocks),
+        is_flat: false,
+        bent: 0.0,
         first: grid.first_vertex as u32,
         first_height: 0,
         sides: [0, 1, 2, 3].map(side),

@@ -1,15 +1,9 @@
-//! Faces, their quads, and patches: up to 4 x 4 blocks of a quad.
+//! Faces, their quads, and patches of these.
 
 use super::woven;
 use crate::accel::quads::CELLS;
 use crate::math::Vec2;
 use crate::surface::{MOST_SEGMENTS, edge_uv};
-
-/// Blocks along a patch's side.
-pub(super) const FAN: usize = 4;
-
-/// Micro-quads along a full patch's side.
-pub(super) const SPAN: usize = FAN * CELLS;
 
 /// Stands for no kept point.
 pub(super) const NONE: u32 = u32::MAX;
@@ -33,6 +27,14 @@ pub(super) struct Face {
     pub(super) group: [u16; 2],
     /// One by these: see [`share`].
     pub(super) share: [f32; 2],
+    /// Blocks of each quad, and the micro-quads of one, times 65536 and rounded up.
+    pub(super) blocks: [u16; 2],
+    pub(super) steps: [u32; 2],
+    /// Of parts above blocks in a patch.
+    pub(super) levels: u8,
+    /// Whether all quads are parallelograms with one normal, but for this much on each axis of the lattice.
+    pub(super) is_flat: bool,
+    pub(super) bent: f32,
     /// The first of its corners, which follow one another row by row.
     pub(super) first: u32,
     /// The first of its micro-vertices' heights, where these are kept.
@@ -76,12 +78,6 @@ pub(super) struct Patch {
 pub(super) struct Span {
     pub(super) first: [usize; 2],
     pub(super) cells: [usize; 2],
-}
-
-/// Where part `i` of `pieces` begins of so many cells: as even as can be. A third is by a product, as registers do it.
-#[inline(always)]
-pub(super) fn cut(i: usize, pieces: usize, cells: usize) -> usize {
-    (i * cells * (65536_usize.div_ceil(pieces))) >> 16
 }
 
 /// The number by which whole numbers up to `n` are multiplied so that they are 0..1: of those that make of `n` no less
@@ -184,14 +180,9 @@ impl Face {
         (quad, within)
     }
 
-    /// How many patches a quad is cut into, along u and v.
-    pub(super) fn pieces(&self) -> [usize; 2] {
-        self.cells.map(|n| usize::from(n).div_ceil(SPAN))
-    }
-
-    /// Where a patch is, from its first quad on.
+    /// Where a block is, from the patch's first quad on.
     #[inline(always)]
-    pub(super) fn span(&self, patch: &Patch) -> Span {
+    pub(super) fn span(&self, patch: &Patch, block: [usize; 2]) -> Span {
         if self.is_woven() {
             let count = self.count(patch.quad);
             return Span {
@@ -199,21 +190,12 @@ impl Face {
                 cells: [0, 1].map(|k| count[k] * usize::from(self.cells[k])),
             };
         }
-        let mut span = Span {
-            first: [0; 2],
-            cells: [0; 2],
-        };
-        for k in 0..2 {
-            let n = usize::from(self.cells[k]);
-            if n <= SPAN {
-                span.cells[k] = n;
-            } else {
-                let (pieces, piece) = (n.div_ceil(SPAN), usize::from(patch.piece[k]));
-                span.first[k] = piece * n / pieces;
-                span.cells[k] = (piece + 1) * n / pieces - span.first[k];
-            }
+        let cut = |k: usize, block: usize| (block * self.steps[k] as usize) >> 16;
+        let first = [0, 1].map(|k| cut(k, block[k]));
+        Span {
+            first,
+            cells: [0, 1].map(|k| cut(k, block[k] + 1) - first[k]),
         }
-        span
     }
 
     /// The face's parameters of a micro-vertex of a quad, where it was snapped to.
@@ -230,7 +212,7 @@ impl Face {
         Vec2::from([0, 1].map(|k| at[k] as f32 / whole[k] as f32))
     }
 
-    /// Whether a part of a quad touches the face's border.
+    /// Whether a block of a patch touches the face's border.
     #[inline(always)]
     pub(super) fn is_border(&self, quad: [u16; 2], span: &Span) -> bool {
         let first =
@@ -292,41 +274,6 @@ impl Face {
     }
 }
 
-impl Span {
-    /// How many children a patch has along u and v.
-    #[inline(always)]
-    pub(super) fn fan(&self) -> [usize; 2] {
-        self.cells.map(|n| n.div_ceil(CELLS))
-    }
-
-    /// Whether it is but a block.
-    #[inline(always)]
-    pub(super) fn is_single(&self) -> bool {
-        self.cells[0] <= CELLS && self.cells[1] <= CELLS
-    }
-
-    /// The part in column and row `c % 4`, `c / 4`.
-    #[inline(always)]
-    pub(super) fn child(&self, c: usize) -> Self {
-        let fan = self.fan();
-        let at = [c % FAN, c / FAN];
-        let mut child = *self;
-        for k in 0..2 {
-            let [from, to] = [at[k], at[k] + 1].map(|i| cut(i, fan[k], self.cells[k]));
-            child.first[k] += from;
-            child.cells[k] = to - from;
-        }
-        child
-    }
-
-    /// The children, as bits.
-    #[inline(always)]
-    pub(super) fn there(&self) -> u32 {
-        let [columns, rows] = self.fan();
-        (0x1111 * ((1 << columns) - 1)) & ((1 << (FAN * rows)) - 1)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -353,26 +300,6 @@ mod tests {
                     "{needed} of {rate}: {quads}"
                 );
             }
-        }
-    }
-
-    #[test]
-    fn cuts_are_even() {
-        for pieces in 1..=FAN {
-            for cells in pieces..=10_000 {
-                for i in 0..=pieces {
-                    assert_eq!(cut(i, pieces, cells), i * cells / pieces);
-                }
-            }
-        }
-        for n in 1..=SPAN {
-            let span = Span {
-                first: [3, 0],
-                cells: [n, 1],
-            };
-            let last = span.child(span.fan()[0] - 1);
-            assert_eq!(last.first[0] + last.cells[0], 3 + n);
-            assert!(last.cells[0] <= CELLS);
         }
     }
 }

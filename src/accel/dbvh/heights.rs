@@ -1,5 +1,7 @@
 //! Where heights come from: an image's texels, or floats that were asked for once.
 
+use bytemuck::{Pod, Zeroable};
+
 use super::block::{Block, Sheet};
 use super::face::Face;
 use crate::accel::moment::Moment;
@@ -39,7 +41,8 @@ pub(super) type Range = u32;
 const MOST: f32 = 65535.0;
 
 /// The range of values in each of sixteen blocks, in bytes: codes from one of their own on, whose unit is a power of two.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
 pub(super) struct Ranges {
     low: [u8; LANES],
     high: [u8; LANES],
@@ -71,6 +74,17 @@ impl Ranges {
             new.high[c] = (((ranges[c] >> 16).saturating_sub(least) + up) >> exponent) as u8;
         }
         new
+    }
+
+    /// Around all that are there.
+    pub(super) fn all(&self, there: u32) -> Range {
+        let all = (0..LANES)
+            .filter(|c| there >> c & 1 == 1)
+            .map(|c| self.get(c));
+        let all = all.fold([MOST as u32, 0], |[low, high], [a, b]| {
+            [low.min(a), high.max(b)]
+        });
+        all[0] | all[1].min(MOST as u32) << 16
     }
 
     /// That of a block, or a little more.
@@ -333,8 +347,12 @@ fn inner<L: Lanes>(
         size: [width, height],
         stride,
         first,
+        order,
         ..
     } = *texels;
+    if !order.is_rows() {
+        return in_squares(lanes, texels, [x, y], needed);
+    }
     // Rows go down, y goes up.
     let row = stride * width as usize;
     let lowest = lanes.ints((row * (height as usize - 1) + first) as i32);
@@ -379,6 +397,49 @@ fn inner<L: Lanes>(
             ]
         }
     })
+}
+
+/// The same of an image whose texels lie in squares.
+#[inline(always)]
+fn in_squares<L: Lanes>(
+    lanes: L,
+    texels: &Texels<'_>,
+    [x, y]: [L::Ints; 2],
+    needed: u32,
+) -> Option<[[L::Floats; 2]; 2]> {
+    let (kind, bytes) = (texels.kind, texels.bytes);
+    let (across, down) = (texels.order.across(), texels.order.down());
+    let row = lanes.add_ints(
+        lanes.ints(texels.size[1] as i32 - 1),
+        lanes.mul_ints(y, lanes.ints(-1)),
+    );
+    let next = lanes.add_ints(x, lanes.ints(1));
+    let above = lanes.add_ints(row, lanes.ints(-1));
+    let first = lanes.ints(texels.first as i32);
+    let left = lanes.add_ints(place(lanes, across, x, texels.stride), first);
+    let right = lanes.add_ints(place(lanes, across, next, texels.stride), first);
+    let low = place(lanes, down, row, texels.stride);
+    let high = place(lanes, down, above, texels.stride);
+    let at = [
+        lanes.gather(bytes, lanes.add_ints(left, low), needed)?,
+        lanes.gather(bytes, lanes.add_ints(right, low), needed)?,
+        lanes.gather(bytes, lanes.add_ints(left, high), needed)?,
+        lanes.gather(bytes, lanes.add_ints(right, high), needed)?,
+    ];
+    Some([
+        [number(lanes, kind, at[0]), number(lanes, kind, at[1])],
+        [number(lanes, kind, at[2]), number(lanes, kind, at[3])],
+    ])
+}
+
+/// What is to be added for columns or rows, in bytes: see [`TexelOrder`](crate::surface::TexelOrder).
+#[inline(always)]
+fn place<L: Lanes>(lanes: L, by: [u32; 3], i: L::Ints, stride: usize) -> L::Ints {
+    let [one, small, large] = by.map(|by| (by as usize * stride) as i32);
+    let ones = lanes.mul_ints(i, lanes.ints(one));
+    let fourths = lanes.mul_ints(lanes.shift_right::<2>(i), lanes.ints(small));
+    let rest = lanes.mul_ints(lanes.shift_right::<5>(i), lanes.ints(large));
+    lanes.add_ints(lanes.add_ints(ones, fourths), rest)
 }
 
 #[inline(always)]

@@ -8,13 +8,14 @@
 //!
 //! ```text
 //!     tree over patches         see `top`; boxes on a lattice             some 9 bytes a patch
-//!       patch                   up to 28 x 28 micro-quads of a quad       16 bytes, and heights of its blocks: 36
-//!         blocks                4 x 4, each up to 7 x 7 micro-quads       nothing: P, N, st of the quad's corners
+//!       patch                   a quad, or a large part of one            16 bytes
+//!         parts                 4 x 4 in each, and so on: see `part`      their heights: 2 bytes each
+//!           blocks              of up to 7 x 7 micro-quads                nothing: P, N, st of the quad's corners
 //!
-//!          h1 _______           A block's part of the shell is affine in u, v and h each: the parallelepiped of Su, Sv
+//!          h1 _______           What is over a part of a quad is affine in u, v and h each: the parallelepiped of Su, Sv
 //!       N \ /      /\ N         and the range of h along N, but for what is bent, which is added to its planes. A ray
-//!         \/______/  \          meets sixteen of them at once, each between three pairs of planes.
-//!         / h0   /
+//!         \/______/  \          meets sixteen of them at once, each between three pairs of planes. To flat quads the ray
+//!         / h0   /              is straight in (u, v, h), and parts are boxes there.
 //!        ·------·               Of a block, those vertices are computed whose micro-quads are not wholly on one side of
 //!          P(u,v)               the ray for all heights in the range.
 //! ```
@@ -27,9 +28,9 @@
 //! displaced points along it are kept, for all faces to take: the mean of what each has there, as in
 //! [`SharedSamples`](crate::surface::SharedSamples).
 //!
-//! What is kept: the corners of quads, those edges, patches, and two bytes for each block, its heights' range: about a
-//! twentieth of a byte for a micro-triangle where quads are large, and up to some four bytes where they are no larger than
-//! a block. Heights are read from the image itself as it is in memory. Heights that do not come from such an image (a
+//! What is kept: the corners of quads, those edges, patches, and some two and a half bytes for each block, its heights' range
+//! and its share in those above: a fortieth of a byte for a micro-triangle where quads are large, and up to some four bytes
+//! where they are no larger than a block. Heights are read from the image itself as it is in memory. Heights that do not come from such an image (a
 //! primvar, Ptex, tiles of UDIM) are asked for once and kept as floats, 2 bytes a micro-triangle.
 //!
 //! Unlike the papers: quads of a subdivided surface rather than triangles, with stitched edges; blocks of 64
@@ -39,15 +40,21 @@
 
 mod block;
 mod build;
+#[cfg(test)]
+mod deep_tests;
 mod edges;
 mod edits;
 mod face;
 mod heights;
+mod part;
+mod shadows;
 mod source;
 #[cfg(test)]
 mod tests;
 mod traverse;
 mod woven;
+
+use mapped::Large;
 
 use super::lattice::Lattice;
 use super::moment::Moment;
@@ -89,14 +96,16 @@ pub struct Dbvh {
     st: Vec<Vec2>,
     /// The least and the greatest height for which quads and lattice are made.
     built_for: [f32; 2],
+    /// The largest number that computing heights comes across, on the lattice.
+    highest: f32,
     plan: Plan,
     /// Points of edges that are kept, by motion key, on the lattice.
     kept: Vec<Vec<[f32; 3]>>,
     /// The tree over the patches, which are in its order.
     top: Top,
     patches: Vec<Patch>,
-    /// Of the blocks of patches that have more than one.
-    ranges: Vec<heights::Ranges>,
+    /// Of the children of parts, patch by patch.
+    ranges: Large<heights::Ranges>,
     shell: ShellError,
     /// Pixels that a unit covers at the closest view; none where no pixels are known.
     pixels_per_unit: Option<f32>,
@@ -197,7 +206,7 @@ impl Intersector for Dbvh {
             + size_of_val(self.st.as_slice())
             + size_of_val(self.faces.as_slice())
             + size_of_val(self.patches.as_slice())
-            + size_of_val(self.ranges.as_slice())
+            + size_of_val(&*self.ranges)
             + self.top.memory()
             + self.heights.memory()
     }

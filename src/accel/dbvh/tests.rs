@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::block::{Block, Quad, Single};
+use super::part::Part;
 use super::woven::{Net, Woven};
 use super::*;
 use crate::accel::lattice::{Extent, LatticeRay};
@@ -87,12 +88,22 @@ impl Body for Vertices<'_> {
     }
 }
 
-/// Parts of a patch.
+/// Blocks of a patch.
 fn blocks(tree: &Dbvh, patch: &Patch) -> Vec<face::Span> {
-    let span = tree.faces[patch.face as usize].span(patch);
-    let there = span.there();
-    let children = (0..16).filter(|c| there >> c & 1 == 1);
-    children.map(|c| span.child(c)).collect()
+    fn below(face: &Face, part: Part, patch: &Patch, found: &mut Vec<face::Span>) {
+        if part.level == 0 {
+            found.push(face.span(patch, part.at));
+            return;
+        }
+        let there = face.there(&part);
+        for c in (0..16).filter(|c| there >> c & 1 == 1) {
+            below(face, part.child(c), patch, found);
+        }
+    }
+    let face = &tree.faces[patch.face as usize];
+    let mut found = Vec::new();
+    below(face, face.root(patch), patch, &mut found);
+    found
 }
 
 impl Dbvh {

@@ -2,8 +2,10 @@
 
 use super::Dbvh;
 use super::block::{Block, Quad, Single};
-use super::face::{FAN, Face, Patch, Span};
+use super::face::{Face, Patch, Span};
 use super::heights::{Reader, ends};
+use super::part::{FAN, Part};
+use super::shadows::{Parts, Straight};
 use super::woven::{Net, Woven};
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
@@ -60,11 +62,14 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
             number: 0,
             patch,
             face,
-            span: face.span(patch),
             quad: Quad {
                 p: [[0.0; 4]; 3],
                 n: [[0.0; 4]; 3],
             },
+            z: 0.0,
+            straight: None,
+            rounding: 0.0,
+            place: 0,
             moment: &moment,
             world: *ray,
             ray: LatticeRay::new(&tree.lattice, ray, tree.reach),
@@ -83,23 +88,25 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
                 Place::Patch(number) => {
                     walk.enter(number);
                     // Before all other patches.
-                    if walk.span.is_single() {
-                        Some(Waiting::part(at.near(), 0))
-                    } else {
-                        let hits = walk.blocks(lanes, &mut near);
-                        stack.add(hits, |c| Waiting::part(near[c], c))
-                    }
+                    let root = walk.face.root(walk.patch);
+                    Some(Waiting::part(at.near(), root.number()))
                 }
-                Place::Part(block) => {
-                    if let Some(met) = walk.block(lanes, block) {
-                        nearest = Some(met);
-                        if ANY {
-                            return nearest;
+                Place::Part(number) => {
+                    let part = Part::of_number(number);
+                    if part.level > 0 {
+                        let hits = walk.parts(lanes, &part, &mut near);
+                        stack.add(hits, |c| Waiting::part(near[c], part.child(c).number()))
+                    } else {
+                        if let Some(met) = walk.block(lanes, &part) {
+                            nearest = Some(met);
+                            if ANY {
+                                return nearest;
+                            }
+                            walk.world.t_max = met.hit.t;
+                            walk.ray.end(met.hit.t);
                         }
-                        walk.world.t_max = met.hit.t;
-                        walk.ray.end(met.hit.t);
+                        None
                     }
-                    None
                 }
             };
             if next.is_none() {
@@ -117,9 +124,15 @@ struct Walk<'a, const MOVES: bool> {
     number: u32,
     patch: &'a Patch,
     face: &'a Face,
-    span: Span,
-    /// Its quad in the plane across the ray.
+    /// Its quad in the plane across the ray, and how far along that about it is.
     quad: Quad,
+    z: f32,
+    /// The ray as the quad sees it, if that is flat.
+    straight: Option<Straight>,
+    /// What computing may move a vertex, or a bound around it.
+    rounding: f32,
+    /// Of the heights of blocks that are next.
+    place: usize,
     moment: &'a Moment,
     /// The ray as it was given, and on the lattice; both end at the nearest hit so far.
     world: Ray,
@@ -146,7 +159,6 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         self.number = number;
         self.patch = &tree.patches[number as usize];
         self.face = &tree.faces[self.patch.face as usize];
-        self.span = self.face.span(self.patch);
         if self.face.is_woven() {
             return;
         }
@@ -159,6 +171,28 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
                 self.quad.n[k][c] = n[k];
             }
         }
+        // A quad that the ray comes near is not far from it on the first two axes.
+        let quad = &self.quad;
+        self.z = 0.5 * (quad.p[2][0] + quad.p[2][3]);
+        let mut largest = 0.0;
+        for c in 0..4 {
+            for size in [
+                quad.p[0][c].abs(),
+                quad.p[1][c].abs(),
+                (quad.p[2][c] - self.z).abs(),
+            ] {
+                largest = if size > largest { size } else { largest };
+            }
+        }
+        // Some forty roundings. Normals are sheared, too.
+        const ROUNDING: f32 = 64.0 * f32::EPSILON;
+        self.rounding = ROUNDING * (largest + 2.0 * tree.highest);
+        self.straight = if self.face.is_flat {
+            self.rounding += 2.0 * self.face.bent;
+            Straight::new(quad, self.z, self.ray.inverse[self.ray.k[2]])
+        } else {
+            None
+        };
     }
 
     /// The children of a node over patches that the ray meets, as bits, and where it enters each.
@@ -175,84 +209,70 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         met & ((1 << node.children()) - 1)
     }
 
-    /// The same for the blocks of the patch.
+    /// The same for the children of a part of the patch.
     #[inline(always)]
-    fn blocks<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
-        let ranges = &self.tree.ranges[self.patch.ranges as usize];
-        let heights = self.tree.heights.ranges(lanes, ranges);
-        let rounding = self.rounding();
-        let mut slack = lanes.floats(rounding);
-        if self.face.has_kept {
-            let border = self.border();
-            let kept = lanes.floats(rounding + 2.0 * self.face.slack);
-            slack = lanes.select(border, kept, slack);
+    fn parts<L: Lanes>(&mut self, lanes: L, part: &Part, entries: &mut [f32; LANES]) -> u32 {
+        let (tree, face) = (self.tree, self.face);
+        self.place = self.patch.ranges as usize + face.place(self.patch, part);
+        let heights = tree.heights.ranges(lanes, &tree.ranges[self.place]);
+        let mut slack = lanes.floats(self.rounding);
+        if face.has_kept {
+            let border = face.on_border(self.patch, part);
+            slack = lanes.select(border, lanes.floats(self.kept_slack()), slack);
         }
-        let mut near = lanes.floats(self.ray.t_min);
-        let mut far = lanes.floats(self.ray.t_max);
-        let parts = Parts::new(lanes, self.face, &self.span, &self.quad, heights);
+        // `t` from where the quad is, where it is finer; and what rounding moves that.
         let inverse = self.ray.inverse[self.ray.k[2]];
-        parts.meet(lanes, slack, inverse, &mut near, &mut far);
-        lanes.store(near, entries);
-        lanes.less_equal(near, far) & self.span.there()
+        let (start, more) = (self.z * inverse, self.far_rounding());
+        let mut near = lanes.floats(self.ray.t_min - start - more);
+        let mut far = lanes.floats(self.ray.t_max - start + more);
+        if let Some(straight) = &self.straight {
+            straight.meet(lanes, (face, part), heights, slack, [&mut near, &mut far]);
+        } else {
+            let parts = Parts::new(lanes, (face, part), &self.quad, heights);
+            parts.meet(lanes, slack, [self.z, inverse], [&mut near, &mut far]);
+        }
+        let entry = lanes.add(near, lanes.floats(start - more));
+        lanes.store(lanes.max(entry, lanes.floats(self.ray.t_min)), entries);
+        lanes.less_equal(near, far) & face.there(part)
     }
 
     /// A block's heights, and how far its vertices may be from where these put them.
     #[inline(always)]
-    fn bound(&self, block: usize, span: &Span) -> Option<[f32; 3]> {
-        let codes = if self.span.is_single() {
+    fn bound(&self, block: &Part, span: &Span) -> [f32; 3] {
+        let codes = if self.face.levels == 0 {
             ends(self.patch.ranges)
         } else {
-            self.tree.ranges[self.patch.ranges as usize].get(block)
+            let [i, j] = block.at.map(|at| at % FAN);
+            self.tree.ranges[self.place].get(FAN * j + i)
         };
         let [middle, half] = self.tree.heights.range(codes);
-        let kept = if self.face.has_kept && self.face.is_border(self.patch.quad, span) {
-            2.0 * self.face.slack
+        let slack = if self.face.has_kept && self.face.is_border(self.patch.quad, span) {
+            self.kept_slack()
+        } else if self.face.is_woven() {
+            self.far_rounding()
         } else {
-            0.0
+            self.rounding
         };
-        Some([middle, half, self.rounding() + kept])
+        [middle, half, slack]
     }
 
-    /// Some forty roundings of what shearing may have doubled.
+    /// Some forty roundings of what shearing may have doubled, wherever it is.
     #[inline(always)]
-    fn rounding(&self) -> f32 {
+    fn far_rounding(&self) -> f32 {
         4.0 * self.ray.slack[3]
     }
 
-    /// The children that touch the face's border, as bits.
+    /// How far vertices may be from a bound where some of them are kept.
     #[inline(always)]
-    fn border(&self) -> u32 {
-        let (face, span, fan) = (self.face, &self.span, self.span.fan());
-        let at_first = |k: usize| self.patch.quad[k] == 0 && span.first[k] == 0;
-        let at_last = |k: usize| {
-            self.patch.quad[k] + 1 == face.quads[k]
-                && span.first[k] + span.cells[k] == usize::from(face.cells[k])
-        };
-        let mut bits = 0;
-        if at_first(0) {
-            bits |= 0x1111;
-        }
-        if at_last(0) {
-            bits |= 0x1111 << (fan[0] - 1);
-        }
-        if at_first(1) {
-            bits |= 0xf;
-        }
-        if at_last(1) {
-            bits |= 0xf << (FAN * (fan[1] - 1));
-        }
-        bits
+    fn kept_slack(&self) -> f32 {
+        self.far_rounding() + 2.0 * self.face.slack
     }
 
     /// The nearest triangle of a block.
     #[inline(always)]
-    fn block<L: Lanes>(&self, lanes: L, block: usize) -> Option<Met> {
-        let span = if self.span.is_single() {
-            self.span
-        } else {
-            self.span.child(block)
-        };
-        let bound = self.bound(block, &span);
+    fn block<L: Lanes>(&self, lanes: L, block: &Part) -> Option<Met> {
+        let span = self.face.span(self.patch, block.at);
+        let bound = Some(self.bound(block, &span));
         let block = Block::new(self.tree, self.patch, &span);
         let mut sheared = Sheared::default();
         let shear = |p| shear_point(&self.ray, p);
@@ -279,223 +299,5 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             cell: met.cell,
             second: met.second,
         })
-    }
-}
-
-const COLUMN: [i32; LANES] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
-const ROW: [i32; LANES] = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3];
-
-/// Boxes around what the children of a span show with heights from middle - half to middle + half: their centres along
-/// three axes, then half of their sizes. With a coordinate c(u,v) = c0 + cu u + cv v + cuv u v of P, and likewise of N,
-/// G = P + h N at the middle (u,v) of a child of size 2 ru, 2 rv reaches over
-///
-/// ```text
-///   |Gu + Guv v| ru + |Gv + Guv u| rv + |Guv| ru rv + r (|N| + |Nu + Nuv v| ru + |Nv + Nuv u| rv + |Nuv| ru rv)
-/// ```
-#[inline(always)]
-pub(super) fn shadows<L: Lanes>(
-    lanes: L,
-    face: &Face,
-    span: &Span,
-    quad: &Quad,
-    [middle, half]: [L::Floats; 2],
-) -> [L::Floats; 6] {
-    let at = Middles::new(lanes, face, span);
-    let mut out = [lanes.floats(0.0); 6];
-    for k in 0..3 {
-        let p = Slopes::new(lanes, &at, &quad.p[k]);
-        let n = Slopes::new(lanes, &at, &quad.n[k]);
-        let thick = lanes.add(lanes.abs(n.value), n.reach(lanes, &at));
-        let g = Slopes {
-            value: lanes.add(p.value, lanes.mul(middle, n.value)),
-            du: lanes.add(p.du, lanes.mul(middle, n.du)),
-            dv: lanes.add(p.dv, lanes.mul(middle, n.dv)),
-            twist: lanes.add(p.twist, lanes.mul(middle, n.twist)),
-        };
-        out[k] = g.value;
-        out[3 + k] = lanes.add(g.reach(lanes, &at), lanes.mul(half, thick));
-    }
-    out
-}
-
-/// What a span's children show, as parallelepipeds: `c + x a + y b + z n` with x, y in -1..1 and z in -half..half, but for
-/// what `off` adds along each axis.
-struct Parts<L: Lanes> {
-    c: [L::Floats; 3],
-    a: [L::Floats; 3],
-    b: [L::Floats; 3],
-    n: [L::Floats; 3],
-    off: [L::Floats; 3],
-    half: L::Floats,
-}
-
-impl<L: Lanes> Parts<L> {
-    /// With heights from middle - half to middle + half.
-    #[inline(always)]
-    fn new(
-        lanes: L,
-        face: &Face,
-        span: &Span,
-        quad: &Quad,
-        [middle, half]: [L::Floats; 2],
-    ) -> Self {
-        let at = Middles::new(lanes, face, span);
-        let zero = [lanes.floats(0.0); 3];
-        let mut parts = Self {
-            c: zero,
-            a: zero,
-            b: zero,
-            n: zero,
-            off: zero,
-            half,
-        };
-        for k in 0..3 {
-            let p = Slopes::new(lanes, &at, &quad.p[k]);
-            let n = Slopes::new(lanes, &at, &quad.n[k]);
-            parts.c[k] = lanes.add(p.value, lanes.mul(middle, n.value));
-            let du = lanes.add(p.du, lanes.mul(middle, n.du));
-            let dv = lanes.add(p.dv, lanes.mul(middle, n.dv));
-            let twist = lanes.add(p.twist, lanes.mul(middle, n.twist));
-            parts.a[k] = lanes.mul(du, at.ru);
-            parts.b[k] = lanes.mul(dv, at.rv);
-            parts.n[k] = n.value;
-            let bent = lanes.mul(lanes.abs(twist), at.ruv);
-            parts.off[k] = lanes.add(bent, lanes.mul(half, n.reach(lanes, &at)));
-        }
-        parts
-    }
-
-    /// Narrows the interval of a ray along the third axis, where `t` is z times `inverse`, to what is within the
-    /// parallelepipeds, and `slack` more along each axis.
-    #[inline(always)]
-    fn meet(
-        &self,
-        lanes: L,
-        slack: L::Floats,
-        inverse: f32,
-        near: &mut L::Floats,
-        far: &mut L::Floats,
-    ) {
-        let off = [
-            lanes.add(self.off[0], slack),
-            lanes.add(self.off[1], slack),
-            lanes.add(self.off[2], slack),
-        ];
-        let across_a = cross(lanes, &self.b, &self.n);
-        let across_b = cross(lanes, &self.n, &self.a);
-        let across_n = cross(lanes, &self.a, &self.b);
-        let volume = lanes.abs(dot(lanes, &self.n, &across_n));
-        let thick = lanes.mul(volume, self.half);
-        for (across, wide) in [(&across_a, volume), (&across_b, volume), (&across_n, thick)] {
-            // |across . (p - c)| <= wide, at p = (0, 0, z). Where a ray runs along two planes, or there are none, it is
-            // taken to cross them very far away: 1 more in width, less than the area of a micro-quad on the lattice,
-            // makes up for that.
-            const ALONG: f32 = 1e-12;
-            let size = [
-                lanes.abs(across[0]),
-                lanes.abs(across[1]),
-                lanes.abs(across[2]),
-            ];
-            let wide = lanes.add(lanes.add(wide, lanes.floats(1.0)), dot(lanes, &size, &off));
-            let is_along = lanes.less(size[2], lanes.floats(ALONG));
-            let z = lanes.select(is_along, lanes.floats(ALONG), across[2]);
-            let scale = lanes.div(lanes.floats(inverse), z);
-            let middle = lanes.mul(dot(lanes, across, &self.c), scale);
-            let reach = lanes.mul(wide, lanes.abs(scale));
-            // What is no number decides nothing.
-            *near = lanes.max(lanes.sub(middle, reach), *near);
-            *far = lanes.min(lanes.add(middle, reach), *far);
-        }
-    }
-}
-
-#[inline(always)]
-fn cross<L: Lanes>(lanes: L, a: &[L::Floats; 3], b: &[L::Floats; 3]) -> [L::Floats; 3] {
-    [
-        lanes.sub(lanes.mul(a[1], b[2]), lanes.mul(a[2], b[1])),
-        lanes.sub(lanes.mul(a[2], b[0]), lanes.mul(a[0], b[2])),
-        lanes.sub(lanes.mul(a[0], b[1]), lanes.mul(a[1], b[0])),
-    ]
-}
-
-#[inline(always)]
-fn dot<L: Lanes>(lanes: L, a: &[L::Floats; 3], b: &[L::Floats; 3]) -> L::Floats {
-    let xy = lanes.add(lanes.mul(a[0], b[0]), lanes.mul(a[1], b[1]));
-    lanes.add(xy, lanes.mul(a[2], b[2]))
-}
-
-/// The middles of a span's children, and half of their sizes, as parameters of the quad.
-struct Middles<L: Lanes> {
-    u: L::Floats,
-    v: L::Floats,
-    ru: L::Floats,
-    rv: L::Floats,
-    ruv: L::Floats,
-}
-
-impl<L: Lanes> Middles<L> {
-    #[inline(always)]
-    fn new(lanes: L, face: &Face, span: &Span) -> Self {
-        let (u, ru) = Self::along(lanes, face, span, 0, &COLUMN);
-        let (v, rv) = Self::along(lanes, face, span, 1, &ROW);
-        let ruv = lanes.mul(ru, rv);
-        Self { u, v, ru, rv, ruv }
-    }
-
-    #[inline(always)]
-    fn along(
-        lanes: L,
-        face: &Face,
-        span: &Span,
-        k: usize,
-        number: &[i32; LANES],
-    ) -> (L::Floats, L::Floats) {
-        let number = lanes.load_ints(number);
-        let next = lanes.add_ints(number, lanes.ints(1));
-        // As `cut`.
-        let scale = lanes.ints((span.cells[k] * 65536_usize.div_ceil(span.fan()[k])) as i32);
-        let from = lanes.shift_right::<16>(lanes.mul_ints(number, scale));
-        let to = lanes.shift_right::<16>(lanes.mul_ints(next, scale));
-        let (from, to) = (lanes.to_floats(from), lanes.to_floats(to));
-        let share = face.share[k];
-        let half = lanes.floats(0.5 * share);
-        let at = lanes.mul(lanes.add(from, to), half);
-        (
-            lanes.add(at, lanes.floats(span.first[k] as f32 * share)),
-            lanes.mul(lanes.sub(to, from), half),
-        )
-    }
-}
-
-/// A coordinate at the middles, with its slopes there.
-struct Slopes<L: Lanes> {
-    value: L::Floats,
-    du: L::Floats,
-    dv: L::Floats,
-    twist: L::Floats,
-}
-
-impl<L: Lanes> Slopes<L> {
-    #[inline(always)]
-    fn new(lanes: L, at: &Middles<L>, [a, b, c, d]: &[f32; 4]) -> Self {
-        let twist = lanes.floats((d - c) - (b - a));
-        let along = lanes.floats(b - a);
-        let dv = lanes.add(lanes.floats(c - a), lanes.mul(twist, at.u));
-        let value = lanes.add(lanes.floats(*a), lanes.mul(along, at.u));
-        Self {
-            value: lanes.add(value, lanes.mul(dv, at.v)),
-            du: lanes.add(along, lanes.mul(twist, at.v)),
-            dv,
-            twist,
-        }
-    }
-
-    /// How far it goes from the middle within a child.
-    #[inline(always)]
-    fn reach(&self, lanes: L, at: &Middles<L>) -> L::Floats {
-        let along_u = lanes.mul(lanes.abs(self.du), at.ru);
-        let along_v = lanes.mul(lanes.abs(self.dv), at.rv);
-        let both = lanes.mul(lanes.abs(self.twist), at.ruv);
-        lanes.add(lanes.add(along_u, along_v), both)
     }
 }

@@ -12,7 +12,7 @@
 use half::f16;
 use rayon::prelude::*;
 
-use super::{LINEAR, Layout, Pixels, Texture, Tile};
+use super::{LINEAR, Layout, Pixels, TexelOrder, Texture, Tile};
 use crate::math::{Area, Vec2, Vec4};
 
 /// Lookups in a row for an area that is this many times longer than wide, or more.
@@ -31,6 +31,7 @@ pub(super) struct Level {
 pub(super) struct Sheet<'a> {
     pub(super) size: [u32; 2],
     pub(super) pixels: &'a Pixels,
+    pub(super) order: TexelOrder,
     pub(super) layout: Layout,
     pub(super) color: &'static [f32; 256],
 }
@@ -44,19 +45,20 @@ pub(super) fn follows(from: [u32; 2], to: [u32; 2]) -> bool {
 impl Tile {
     /// The full size, or a level below it.
     pub(super) fn sheet(&self, level: usize) -> Sheet<'_> {
-        let (size, pixels) = match level.checked_sub(1).map(|i| &self.smaller[i]) {
-            None => (self.size, &self.pixels),
-            Some(level) => (level.size, &level.pixels),
+        let (size, pixels, order) = match level.checked_sub(1).map(|i| &self.smaller[i]) {
+            None => (self.size, &self.pixels, self.order),
+            Some(level) => (level.size, &level.pixels, TexelOrder::rows(level.size[0])),
         };
         Sheet {
             size,
             pixels,
+            order,
             layout: self.layout,
             color: self.color,
         }
     }
 
-    /// Makes the levels that are missing, down to one texel.
+    /// Makes the levels that are missing, down to one texel, of an image that is still in rows.
     pub(super) fn complete(&mut self) {
         while let Some(level) = self.sheet(self.smaller.len()).halved() {
             self.smaller.push(level);

@@ -10,7 +10,7 @@ use half::f16;
 use rayon::prelude::*;
 
 use super::levels::{self, Level};
-use super::{FIRST_UDIM, LIMIT, LINEAR, Layout, SRGB, Tile};
+use super::{FIRST_UDIM, LIMIT, LINEAR, Layout, SRGB, TexelOrder, Tile};
 use crate::error::Fault;
 use crate::image::border::{self, Info, Input, Kind, Pixels, Refusal};
 use crate::image::{ColorSpace, ImageSource, linear_from_srgb};
@@ -170,6 +170,7 @@ fn load_image(
         size: [info.width, info.height],
         layout,
         pixels: read(&mut input, 0)?,
+        order: TexelOrder::rows(info.width),
         color: if srgb { &SRGB } else { &LINEAR },
         smaller: Vec::new(),
     };
@@ -188,6 +189,12 @@ fn load_image(
         }
         tile.complete();
     }
+    let (size, channels) = (tile.size, layout.channels());
+    tile.order = match &mut tile.pixels {
+        Pixels::Byte(pixels) => TexelOrder::arrange(size, channels, pixels),
+        Pixels::Half(pixels) => TexelOrder::arrange(size, channels, pixels),
+        Pixels::Float(pixels) => TexelOrder::arrange(size, channels, pixels),
+    };
     Ok(tile)
 }
 

@@ -42,10 +42,11 @@ impl Texture {
     ) -> impl Iterator<Item = [f32; N]> + 'a {
         let tile = &self.tiles[0];
         let ([width, height], channels) = (tile.size, tile.layout.channels());
-        let row = move |y: Option<u32>| y.map(|y| (height - 1 - y) as usize * width as usize);
+        let order = tile.order;
+        let row = move |y: Option<u32>| y.map(|y| order.row(height - 1 - y));
         let texel = move |x: Option<u32>, row: Option<usize>| match (x, row) {
             (Some(x), Some(row)) => {
-                let texel = &pixels[(row + x as usize) * channels..][..N];
+                let texel = &pixels[(row + order.column(x)) * channels..][..N];
                 std::array::from_fn(|c| decode(texel[c]))
             }
             _ => [0.0; N],

@@ -3,20 +3,22 @@
 //! The filter is that of [`Texture::eval`], but for roundings: bytes are multiplied by 1/255 rather than divided by 255,
 //! and texels are blended as `a + (b - a) f`.
 
-use super::{LINEAR, Layout, Pixels, Texture};
+use super::{LINEAR, Layout, Pixels, TexelOrder, Texture};
 use crate::image::Wrap;
 use crate::math::Vec2;
 
 /// One channel of an image at its full size.
 #[derive(Debug, Clone, Copy)]
 pub struct Texels<'a> {
-    /// The image's texels row by row from the top, all channels of each together, in the machine's byte order.
+    /// The image's texels, row 0 on top, all channels of each together, in the machine's byte order.
     pub bytes: &'a [u8],
+    /// Where they are.
+    pub order: TexelOrder,
     /// How a number is written.
     pub kind: TexelKind,
     /// Width and height.
     pub size: [u32; 2],
-    /// Bytes from a texel to the next one in its row.
+    /// Bytes that a texel takes.
     pub stride: usize,
     /// Where the first texel's channel is.
     pub first: usize,
@@ -80,6 +82,7 @@ impl Texture {
             && bytes.len() < 1 << 31;
         usable.then_some(Texels {
             bytes,
+            order: tile.order,
             kind,
             size: tile.size,
             stride: width * tile.layout.channels(),
@@ -93,7 +96,7 @@ impl Texels<'_> {
     /// The number of a texel; row 0 is on top.
     #[inline]
     pub fn value(&self, x: u32, row: u32) -> f32 {
-        let at = (row as usize * self.size[0] as usize + x as usize) * self.stride + self.first;
+        let at = (self.order.row(row) + self.order.column(x)) * self.stride + self.first;
         match self.kind {
             TexelKind::Byte => f32::from(self.bytes[at]) * FROM_BYTE,
             TexelKind::Half => {

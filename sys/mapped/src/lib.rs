@@ -1,14 +1,15 @@
-//! Files mapped into memory, and slices that are owned or lie in one.
+//! Files mapped into memory, slices that are owned or lie in one, and memory in large pages.
 
 use std::fs::File;
 use std::io;
-use std::ops::{Deref, Range};
+use std::marker::PhantomData;
+use std::ops::{Deref, DerefMut, Range};
 use std::path::Path;
 use std::ptr::NonNull;
 use std::sync::Arc;
 
-use bytemuck::AnyBitPattern;
-use memmap2::Mmap;
+use bytemuck::{AnyBitPattern, Zeroable};
+use memmap2::{Mmap, MmapMut};
 
 /// A file's bytes, which the system reads when they are asked for.
 ///
@@ -110,9 +111,104 @@ impl<T: std::fmt::Debug> std::fmt::Debug for Items<T> {
     }
 }
 
+/// Very many items that are read here and there: in large pages, where the system has them, so that it finds each at once.
+pub struct Large<T> {
+    start: NonNull<T>,
+    len: usize,
+    /// Never touched again, but for being dropped. None of no items.
+    _map: Option<MmapMut>,
+    items: PhantomData<T>,
+}
+
+// SAFETY: it owns its items, and hands them out as a vector does.
+unsafe impl<T: Send> Send for Large<T> {}
+// SAFETY: likewise for sharing.
+unsafe impl<T: Sync> Sync for Large<T> {}
+
+impl<T: Zeroable + Copy> Large<T> {
+    /// So many items, all zero.
+    ///
+    /// # Errors
+    /// If the system has no memory for them.
+    pub fn zeros(len: usize) -> io::Result<Self> {
+        let bytes = (len.checked_mul(size_of::<T>())).ok_or(io::ErrorKind::OutOfMemory)?;
+        if bytes == 0 {
+            return Ok(Self::default());
+        }
+        let mut map = MmapMut::map_anon(bytes)?;
+        // It is advice: where it is not taken, or not known, pages are small.
+        #[cfg(target_os = "linux")]
+        let _ = map.advise(memmap2::Advice::HugePage);
+        let start: NonNull<T> = NonNull::from(&mut map[..]).cast();
+        assert!(start.is_aligned(), "pages are aligned to all that is");
+        Ok(Self {
+            start,
+            len,
+            _map: Some(map),
+            items: PhantomData,
+        })
+    }
+}
+
+impl<T> Default for Large<T> {
+    fn default() -> Self {
+        Self {
+            start: NonNull::dangling(),
+            len: 0,
+            _map: None,
+            items: PhantomData,
+        }
+    }
+}
+
+impl<T> Deref for Large<T> {
+    type Target = [T];
+
+    #[inline(always)]
+    fn deref(&self) -> &[T] {
+        // SAFETY: the map is `len` items long, aligned, and its zeros are items, as `zeros` demands; it stays where it is
+        // for as long as `self` lives, and none but `self` knows it. Of no items there is nothing to point to.
+        unsafe { std::slice::from_raw_parts(self.start.as_ptr(), self.len) }
+    }
+}
+
+impl<T> DerefMut for Large<T> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [T] {
+        // SAFETY: as above; `self` is borrowed for as long.
+        unsafe { std::slice::from_raw_parts_mut(self.start.as_ptr(), self.len) }
+    }
+}
+
+impl<T: PartialEq> PartialEq for Large<T> {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl<T: std::fmt::Debug> std::fmt::Debug for Large<T> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        (**self).fmt(f)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn large_memory_is_zero_at_first_and_keeps_what_it_is_given() {
+        for len in [0, 1, 5_000_000] {
+            let mut large = Large::<u32>::zeros(len).expect("there is so much");
+            assert_eq!(large.len(), len);
+            assert!(large.iter().all(|&item| item == 0));
+            for (i, item) in large.iter_mut().enumerate() {
+                *item = i as u32;
+            }
+            assert!(large.iter().zip(0..).all(|(item, i)| *item == i));
+        }
+        assert!(Large::<u32>::zeros(usize::MAX).is_err());
+    }
 
     #[test]
     fn items_of_a_file_are_its_bytes() {
