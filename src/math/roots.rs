@@ -77,7 +77,7 @@ impl Real for f64 {
 
 /// The real roots of `a x² + b x + c`, in any order; none where all three are 0. A double root may come once, twice, or not
 /// at all, as rounding of the coefficients has it.
-#[inline]
+#[inline(always)]
 pub fn quadratic<T: Real>(a: T, b: T, c: T) -> [Option<T>; 2] {
     let zero = T::of(0.0);
     if a == zero {
@@ -98,7 +98,7 @@ pub fn quadratic<T: Real>(a: T, b: T, c: T) -> [Option<T>; 2] {
 }
 
 /// The least root within 0..1 of the cubic with these Bernstein coefficients; ends count where the cubic is 0 there.
-#[inline]
+#[inline(always)]
 pub fn first_cubic_root<T: Real>(c: [T; 4]) -> Option<T> {
     let zero = T::of(0.0);
     let one = T::of(1.0);

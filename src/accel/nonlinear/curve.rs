@@ -36,6 +36,14 @@ pub(super) struct Piece {
     pub(super) falls: [bool; 2],
 }
 
+impl Piece {
+    /// Which of u and v falls, as bits.
+    #[inline(always)]
+    pub(super) fn which(&self) -> usize {
+        usize::from(self.falls[0]) + 2 * usize::from(self.falls[1])
+    }
+}
+
 /// The most pieces: u and v turn twice each.
 pub(super) const MOST_PIECES: usize = 5;
 

@@ -15,11 +15,8 @@
 
 use arrayvec::ArrayVec;
 
-use super::prism::{MOST_SPANS, Pole, Span};
+use super::prism::{Pole, Span};
 use crate::math::{DVec3, quadratic};
-
-/// The most parts of a ray in one prism: `t` turns four times at most.
-pub(super) const MOST_PARTS: usize = 5 * MOST_SPANS;
 
 /// Whether a prism over three corners may fold between two heights.
 pub(super) fn may_fold(corners: [[DVec3; 2]; 3], [low, high]: [f64; 2]) -> bool {
@@ -110,9 +107,9 @@ fn roots<const N: usize>(polynomial: [f64; N], turns: &[f64]) -> ArrayVec<f64, 4
 }
 
 /// The parts of a span of a prism that folds in which `t` grows, or falls: each from its nearer end to the farther one.
-pub(super) fn unfold(span: Span, corners: [&Pole; 3], parts: &mut impl FnMut(Span)) {
-    let Some(quartic) = derivative(&span, corners) else {
-        return parts(span);
+pub(super) fn unfold(span: &Span, corners: [&Pole; 3], mut parts: impl FnMut(Span)) {
+    let Some(quartic) = derivative(span, corners) else {
+        return parts(*span);
     };
     let [_, b, c, d, e] = quartic;
     let cubic = [b, 2.0 * c, 3.0 * d, 4.0 * e];

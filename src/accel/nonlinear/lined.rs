@@ -19,12 +19,24 @@ const SLACK: f32 = 0.1;
 /// Farther than any line of a quad.
 const FAR: f32 = 1e6;
 
-/// The lines that a node's children begin and end at, in micro-quads of level 0, u and v in a half each. The curve is within
-/// the node: the outermost it has passed before, and does not reach.
-const LINES: [[f32; 8]; 2] = [
-    [-FAR, 1.0, 2.0, 3.0, FAR, FAR, FAR, FAR],
-    [FAR, 3.0, 2.0, 1.0, -FAR, -FAR, -FAR, -FAR],
-];
+/// The lines that a node's children begin and end at, in micro-quads of level 0, u and v in a half each, by which of them
+/// falls. The curve is within the node: the outermost it has passed before, and does not reach.
+static LINES: [[f32; LANES]; 4] = {
+    const GROWS: [f32; 8] = [-FAR, 1.0, 2.0, 3.0, FAR, FAR, FAR, FAR];
+    const FALLS: [f32; 8] = [FAR, 3.0, 2.0, 1.0, -FAR, -FAR, -FAR, -FAR];
+    let mut lines = [[0.0; LANES]; 4];
+    let mut lane = 0;
+    while lane < LANES {
+        let mut which = 0;
+        while which < 4 {
+            let falls = if lane < 8 { which & 1 } else { which >> 1 };
+            lines[which][lane] = if falls == 1 { FALLS } else { GROWS }[lane % 8];
+            which += 1;
+        }
+        lane += 1;
+    }
+    lines
+};
 
 /// The lines at which the children begin and end, by the order in which the curve passes them.
 struct Tables {
@@ -72,9 +84,7 @@ static TABLES: Tables = {
 /// Half of the lanes each.
 #[inline(always)]
 fn halves<L: Lanes>(lanes: L, u: f32, v: f32) -> L::Floats {
-    let mut both = [u; LANES];
-    both[LANES / 2..].fill(v);
-    lanes.load(&both)
+    lanes.next_row(lanes.floats(u), lanes.floats(v))
 }
 
 /// `c + s (b + s a)`.
@@ -114,16 +124,13 @@ impl<'a, L: Lanes> Lined<'a, L> {
             halves(lanes, su * d[1], sv * d[1]),
             halves(lanes, su * d[2], sv * d[2]),
         ];
-        let mut lines = [0.0; LANES];
-        lines[..8].copy_from_slice(&LINES[usize::from(piece.falls[0])]);
-        lines[8..].copy_from_slice(&LINES[usize::from(piece.falls[1])]);
         let [nu, nv] = [0, 1].map(|k| (u32::from(quad.size.0[k]) - quad.first[k]) as f32);
         Self {
             curve,
             piece,
             own,
             common,
-            lines: lanes.load(&lines),
+            lines: lanes.load(&LINES[piece.which()]),
             first: quad.first,
             sizes: halves(lanes, nu, nv),
         }
@@ -184,8 +191,7 @@ impl<'a, L: Lanes> Lined<'a, L> {
         [begin, end]: [L::Floats; 2],
         [low, high]: [L::Floats; 2],
     ) -> u32 {
-        let [u, v] = self.piece.falls;
-        let turned = &TABLES.turned[usize::from(u) + 2 * usize::from(v)];
+        let turned = &TABLES.turned[self.piece.which()];
         let (low, high) = (lanes.pick(turned, low), lanes.pick(turned, high));
         let (h, grows) = (
             lanes.floats(self.curve.height),

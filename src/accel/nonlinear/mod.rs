@@ -128,6 +128,12 @@ impl Leaf {
     fn of(&self) -> u32 {
         self.face & !Self::FOLDS
     }
+
+    /// Whether its prisms may fold.
+    #[inline(always)]
+    fn may_fold(&self) -> bool {
+        self.face & Self::FOLDS != 0
+    }
 }
 
 /// A face.
@@ -171,8 +177,6 @@ struct Quad {
     end: [f64; 2],
     low: u16,
     high: u16,
-    /// Whether its prisms may fold.
-    may_fold: bool,
     /// The side that is but a point, if there is one.
     collapsed: Collapsed,
 }
@@ -296,14 +300,12 @@ impl Nonlinear {
         let leaf = &self.quads[number as usize];
         let face = &self.faces[leaf.of() as usize];
         let [stride, in_face] = face.heights();
-        let [i, j] = leaf.place.map(usize::from);
-        let cuts = self.cuts as usize;
         let (us, u) = piece(face.size.0[0], self.cuts, leaf.place[0]);
         let (vs, v) = piece(face.size.0[1], self.cuts, leaf.place[1]);
         Quad {
             face: face.face,
             of: leaf.of(),
-            corner: face.corner as usize + j * (cuts + 1) + i,
+            corner: self.corner(leaf),
             heights: face.heights as usize,
             stride,
             in_face,
@@ -317,17 +319,23 @@ impl Nonlinear {
             end: [u[1], v[1]],
             low: leaf.low,
             high: leaf.high,
-            may_fold: leaf.face & Leaf::FOLDS != 0,
             collapsed: face.collapsed(self.cuts, leaf.place),
         }
     }
 
-    /// A quad's corners at a moment.
+    /// A quad's first corner.
     #[inline(always)]
-    fn corners(&self, quad: &Quad, moment: &Moment) -> [[DVec3; 2]; 4] {
+    fn corner(&self, leaf: &Leaf) -> usize {
+        let [i, j] = leaf.place.map(usize::from);
+        let row = self.cuts as usize + 1;
+        self.faces[leaf.of() as usize].corner as usize + j * row + i
+    }
+
+    /// A quad's corners at a moment, of which the first is given.
+    #[inline(always)]
+    fn corners(&self, first: usize, moment: &Moment) -> [[DVec3; 2]; 4] {
         let row = self.cuts as usize + 1;
         let all = self.corners.len() / self.keys as usize;
-        let first = quad.corner;
         let at = |next: usize| {
             let [p, n] = &self.corners[first + next + moment.from * all];
             let from = [p.as_dvec3(), n.as_dvec3()];
@@ -389,7 +397,7 @@ impl Nonlinear {
 
         // The derivatives of P + h N by u and v, of which N times those of h make the micro-triangle's: their cross product
         // is what the adjugate of the prism's matrix makes of the micro-triangle's normal.
-        let [a, b, c, d] = self.corners(quad, &moment);
+        let [a, b, c, d] = self.corners(quad.corner, &moment);
         let height = f64::from(met.height);
         let at = |corner: &[DVec3; 2]| corner[0] + height * corner[1];
         let weights = quad.weights(met.uv);

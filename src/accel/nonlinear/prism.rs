@@ -18,6 +18,7 @@
 
 use arrayvec::ArrayVec;
 
+use super::fold::unfold;
 use crate::math::{DVec3, Ray, quadratic};
 
 /// A ray that is a point.
@@ -104,43 +105,48 @@ impl Pole {
     }
 }
 
-/// U of a side, by powers of h.
+/// U of a side, by powers of h, and its Bernstein coefficients between the quad's heights.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Side([f64; 3]);
+pub(super) struct Side {
+    powers: [f64; 3],
+    bernstein: [f64; 3],
+}
 
 impl Side {
     #[inline(always)]
-    pub(super) fn new(i: &Pole, j: &Pole) -> Self {
+    pub(super) fn new(i: &Pole, j: &Pole, heights: [f64; 2]) -> Self {
         let cross = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[1] - a[1] * b[0];
-        Self([
-            cross(&i.foot, &j.foot),
-            cross(&i.foot, &j.rise) + cross(&i.rise, &j.foot),
-            cross(&i.rise, &j.rise),
-        ])
+        let mut new = Self {
+            powers: [
+                cross(&i.foot, &j.foot),
+                cross(&i.foot, &j.rise) + cross(&i.rise, &j.foot),
+                cross(&i.rise, &j.rise),
+            ],
+            bernstein: [0.0; 3],
+        };
+        new.bernstein = [new.at(heights[0]), new.between(heights), new.at(heights[1])];
+        new
     }
 
     /// The same seen from the other side.
     #[inline(always)]
     pub(super) fn reversed(&self) -> Self {
-        Self([-self.0[0], -self.0[1], -self.0[2]])
+        Self {
+            powers: self.powers.map(|x| -x),
+            bernstein: self.bernstein.map(|x| -x),
+        }
     }
 
     #[inline(always)]
     fn at(&self, h: f64) -> f64 {
-        let [a, b, c] = self.0;
+        let [a, b, c] = self.powers;
         a + h * (b + h * c)
-    }
-
-    /// Its Bernstein coefficients between two heights.
-    #[inline(always)]
-    fn bernstein(&self, ends: [f64; 2]) -> [f64; 3] {
-        [self.at(ends[0]), self.between(ends), self.at(ends[1])]
     }
 
     /// Its middle Bernstein coefficient between two heights.
     #[inline(always)]
     fn between(&self, [from, to]: [f64; 2]) -> f64 {
-        let [a, b, c] = self.0;
+        let [a, b, c] = self.powers;
         a + 0.5 * b * (from + to) + c * from * to
     }
 }
@@ -154,48 +160,96 @@ struct Cut {
 }
 
 /// The most parts of a ray in one prism: three quadratics cut it six times.
-pub(super) const MOST_SPANS: usize = 7;
+const MOST_SPANS: usize = 7;
 
-/// The parts of the ray between two heights in the prism of three corners, whose sides are given by the corner opposite.
+/// The most parts of a ray over a quad: `t` turns four times in each of them at most.
+const MOST_PARTS: usize = 2 * MOST_SPANS * 5;
+
+/// The parts of a ray in the prisms over a quad that are within the interval that is asked about.
+pub(super) struct Parts {
+    /// With the number of the triangle.
+    pub(super) all: ArrayVec<(Span, usize), MOST_PARTS>,
+    /// Where each begins; infinity once it was given.
+    near: ArrayVec<f64, MOST_PARTS>,
+    t: [f64; 2],
+}
+
+impl Parts {
+    #[inline(always)]
+    pub(super) fn new(t: [f32; 2]) -> Self {
+        Self {
+            all: ArrayVec::new(),
+            near: ArrayVec::new(),
+            t: t.map(f64::from),
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn add(&mut self, span: Span, triangle: usize) {
+        if span.t[1] >= self.t[0] && span.t[0] <= self.t[1] {
+            self.near.push(span.t[0]);
+            self.all.push((span, triangle));
+        }
+    }
+
+    /// The nearest of those that were not given yet, if it begins by `t_max`.
+    #[inline(always)]
+    pub(super) fn next(&mut self, t_max: f32) -> Option<&(Span, usize)> {
+        let mut nearest = (f64::INFINITY, 0);
+        for (k, &near) in self.near.iter().enumerate() {
+            if near < nearest.0 {
+                nearest = (near, k);
+            }
+        }
+        let (near, k) = nearest;
+        if near == f64::INFINITY || near > f64::from(t_max) {
+            return None;
+        }
+        self.near[k] = f64::INFINITY;
+        Some(&self.all[k])
+    }
+}
+
+/// Finds the parts of the ray between two heights in the prism of a triangle: three corners, and the sides opposite.
 #[inline(always)]
-pub(super) fn spans(
+pub(super) fn find(
+    parts: &mut Parts,
     corners: [&Pole; 3],
     sides: [Side; 3],
     [low, high]: [f64; 2],
-) -> ArrayVec<Span, MOST_SPANS> {
-    let mut found = ArrayVec::new();
-    let bernstein = [
-        sides[0].bernstein([low, high]),
-        sides[1].bernstein([low, high]),
-        sides[2].bernstein([low, high]),
-    ];
+    (triangle, may_fold): (usize, bool),
+) {
     let mut possible = [true; 2];
-    for [a, b, c] in &bernstein {
-        possible[0] &= !(*a < 0.0 && *b < 0.0 && *c < 0.0);
-        possible[1] &= !(*a > 0.0 && *b > 0.0 && *c > 0.0);
+    for side in &sides {
+        let [a, b, c] = side.bernstein;
+        possible[0] &= !(a < 0.0 && b < 0.0 && c < 0.0);
+        possible[1] &= !(a > 0.0 && b > 0.0 && c > 0.0);
     }
     if possible == [false; 2] {
-        return found;
+        return;
     }
     let end = |height| Cut { height, side: None };
     let mut cuts: ArrayVec<Cut, 8> = ArrayVec::new();
     cuts.push(end(low));
-    for (k, (side, bernstein)) in sides.iter().zip(&bernstein).enumerate() {
-        let [p, q, r] = *bernstein;
+    for (k, side) in sides.iter().enumerate() {
+        let [p, q, r] = side.bernstein;
         if (p > 0.0) == (q > 0.0) && (q > 0.0) == (r > 0.0) {
             continue;
         }
-        let [a, b, c] = side.0;
+        let [a, b, c] = side.powers;
         for height in quadratic(c, b, a).into_iter().flatten() {
             if height > low && height < high {
-                cuts.push(Cut {
-                    height,
-                    side: Some(k),
-                });
+                let mut at = cuts.len();
+                cuts.push(end(height));
+                while cuts[at - 1].height > height {
+                    cuts[at] = cuts[at - 1];
+                    at -= 1;
+                }
+                let side = Some(k);
+                cuts[at] = Cut { height, side };
             }
         }
     }
-    cuts[1..].sort_unstable_by(|a, b| a.height.total_cmp(&b.height));
     cuts.push(end(high));
     for pair in cuts.windows(2) {
         let [from, to] = [pair[0], pair[1]];
@@ -211,10 +265,13 @@ pub(super) fn spans(
             _ => continue,
         };
         if let Some(span) = span(corners, &sides, [from, to], sign) {
-            found.push(span);
+            if may_fold {
+                unfold(&span, corners, |part| parts.add(part, triangle));
+            } else {
+                parts.add(span, triangle);
+            }
         }
     }
-    found
 }
 
 #[inline(always)]

@@ -60,7 +60,7 @@ impl Nonlinear {
             d + (1.0 - x) * (c - d) + (1.0 - y) * (b - d)
         };
         let weights = weights(quad.part(uv));
-        let corners = self.corners(quad, moment);
+        let corners = self.corners(quad.corner, moment);
         (0..4)
             .map(|k| weights[k] * (corners[k][0] + height * corners[k][1]))
             .sum()
@@ -144,7 +144,7 @@ impl Nonlinear {
         moment: &Moment,
         test: &mut impl FnMut(DVec3, DVec3, DVec3),
     ) {
-        let all = self.corners(quad, moment);
+        let all = self.corners(quad.corner, moment);
         for (triangle, side) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2)] {
             let Some(k) = self.border(quad, triangle, side) else {
                 continue;

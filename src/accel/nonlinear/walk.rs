@@ -10,9 +10,8 @@ use arrayvec::ArrayVec;
 
 use super::curve::{Curve, MOST_PIECES, Piece};
 use super::field::{LEVELS, Size};
-use super::fold::{MOST_PARTS, unfold};
 use super::lined::{Lined, Node};
-use super::prism::{Pole, Sheared, Side, Span, spans};
+use super::prism::{Parts, Pole, Sheared, Side, Span, find};
 use super::{Nonlinear, Quad, micro};
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
@@ -131,8 +130,8 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     /// The nearest hit on a quad.
     #[inline(always)]
     fn quad<L: Lanes>(&self, lanes: L, number: u32) -> Option<Met> {
-        let quad = &self.of.quad(number);
-        let [a, b, c, d] = self.of.corners(quad, self.moment);
+        let leaf = &self.of.quads[number as usize];
+        let [a, b, c, d] = self.of.corners(self.of.corner(leaf), self.moment);
         let poles = [
             self.sheared.pole(a),
             self.sheared.pole(b),
@@ -140,52 +139,37 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             self.sheared.pole(d),
         ];
         let [a, b, c, d] = &poles;
-        let diagonal = Side::new(b, c);
-        let heights = [f64::from(quad.low) - 1.0, f64::from(quad.high) + 1.0];
-        let ([u0, v0], [u1, v1]) = (quad.begin, quad.end);
-        let triangles = [
-            (
-                [a, b, c],
-                [diagonal, Side::new(c, a), Side::new(a, b)],
-                [[u0, v0], [u1, v0], [u0, v1]],
-            ),
-            (
-                [d, c, b],
-                [diagonal.reversed(), Side::new(b, d), Side::new(d, c)],
-                [[u1, v1], [u0, v1], [u1, v0]],
-            ),
+        let heights = [f64::from(leaf.low) - 1.0, f64::from(leaf.high) + 1.0];
+        let side = |i, j| Side::new(i, j, heights);
+        let diagonal = side(b, c);
+        let triangles = [[a, b, c], [d, c, b]];
+        let sides = [
+            [diagonal, side(c, a), side(a, b)],
+            [diagonal.reversed(), side(b, d), side(d, c)],
         ];
-        let mut all: ArrayVec<(Span, usize), { 2 * MOST_PARTS }> = ArrayVec::new();
-        for (number, (corners, sides, _)) in triangles.iter().enumerate() {
-            let mut add = |span: Span| {
-                if span.t[1] >= f64::from(self.t_min) && span.t[0] <= f64::from(self.t_max) {
-                    all.push((span, number));
-                }
-            };
-            for span in spans(*corners, *sides, heights) {
-                if quad.may_fold {
-                    unfold(span, *corners, &mut add);
-                } else {
-                    add(span);
-                }
-            }
+        let mut parts = Parts::new([self.t_min, self.t_max]);
+        for k in 0..2 {
+            let which = (k, leaf.may_fold());
+            find(&mut parts, triangles[k], sides[k], heights, which);
         }
-        // Nearest first.
-        if all.len() > 1 {
-            all.sort_unstable_by(|a, b| a.0.t[0].total_cmp(&b.0.t[0]));
+        if parts.all.is_empty() {
+            return None;
         }
+        let quad = &self.of.quad(number);
+        let ([u0, v0], [u1, v1]) = (quad.begin, quad.end);
+        let uvs = [
+            [[u0, v0], [u1, v0], [u0, v1]],
+            [[u1, v1], [u0, v1], [u1, v0]],
+        ];
         let mut t_max = self.t_max;
         let mut nearest: Option<Met> = None;
-        for (span, triangle) in &all {
-            if span.t[0] > f64::from(t_max) {
-                break;
-            }
-            let (corners, _, uvs) = &triangles[*triangle];
+        while let Some((span, triangle)) = parts.next(t_max) {
+            let (corners, uvs) = (triangles[*triangle], &uvs[*triangle]);
             let wall = |end: usize| self.wall((number, quad), (span, end), *triangle, uvs, t_max);
             let mut met = wall(0);
             // No closure: it would not be compiled for the instruction set.
             if met.is_none() {
-                let begin = begin(span, *corners, f64::from(self.t_min));
+                let begin = begin(span, corners, f64::from(self.t_min));
                 let (curve, pieces) = Curve::new(span, *uvs, begin);
                 met = self.curve(lanes, (number, quad), &poles, &curve, &pieces, t_max);
             }
