@@ -13,32 +13,37 @@ fn diced(surface: &Surface) -> Arc<Diced> {
     Arc::new(Diced::new(surface, &mixed(surface)))
 }
 
-/// The nearest hit among all micro-triangles, in double precision (Möller and Trumbore 1997); and how far inside of its
-/// triangle it is.
+/// Where a ray meets a triangle, in double precision (Möller and Trumbore 1997), and how far inside of it.
+pub(crate) fn met_in_double(ray: &Ray, [a, b, c]: [DVec3; 3]) -> Option<(f64, f64)> {
+    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+    let (e1, e2) = (b - a, c - a);
+    let p = d.cross(e2);
+    let det = e1.dot(p);
+    let s = o - a;
+    let u = s.dot(p) / det;
+    let q = s.cross(e1);
+    let v = d.dot(q) / det;
+    let t = e2.dot(q) / det;
+    let inside = u.min(v).min(1.0 - u - v);
+    let met = inside >= 0.0 && t > f64::from(ray.t_min) && t < f64::from(ray.t_max);
+    met.then_some((t, inside))
+}
+
+/// The nearest hit among all micro-triangles, in double precision; and how far inside of its triangle it is.
 pub(crate) fn brute_force(diced: &Diced, ray: &Ray) -> Option<(f64, u64, f64)> {
     let keys = diced.positions();
     let last = keys.len() - 1;
     let at = f64::from(ray.time) * last as f64;
     let from = (at as usize).min(last.saturating_sub(1));
     let (to, f) = ((from + 1).min(last), at - from as f64);
-    let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
     (0..diced.triangles())
         .filter_map(|triangle| {
-            let [a, b, c] = diced.corners(triangle).map(|v| {
+            let corners = diced.corners(triangle).map(|v| {
                 let at = |key: usize| -> DVec3 { keys[key][v as usize].as_dvec3() };
                 at(from).lerp(at(to), f)
             });
-            let (e1, e2) = (b - a, c - a);
-            let p = d.cross(e2);
-            let det = e1.dot(p);
-            let s = o - a;
-            let u = s.dot(p) / det;
-            let q = s.cross(e1);
-            let v = d.dot(q) / det;
-            let t = e2.dot(q) / det;
-            let inside = u.min(v).min(1.0 - u - v);
-            let met = inside >= 0.0 && t > f64::from(ray.t_min) && t < f64::from(ray.t_max);
-            met.then_some((t, triangle, inside))
+            let (t, inside) = met_in_double(ray, corners)?;
+            Some((t, triangle, inside))
         })
         .min_by(|a, b| a.0.total_cmp(&b.0))
 }

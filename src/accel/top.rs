@@ -10,8 +10,10 @@ use bytemuck::{Pod, Zeroable};
 use mapped::Items;
 
 use super::boxes::Boxes;
-use super::lattice::Extent;
-use super::simd::LANES;
+use super::lattice::{Extent, LatticeRay};
+use super::moment::Moment;
+use super::simd::{LANES, Lanes};
+use super::waiting::{Stack, Waiting};
 
 /// The tree.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -178,6 +180,29 @@ impl Top {
     #[inline(always)]
     pub(super) fn node(&self, number: u32, key: usize) -> &TopNode {
         &self.nodes[number as usize + key * self.count]
+    }
+
+    /// Of the children of a node that a ray meets, the nearest; the others wait. `MOVES` is whether there is more than one
+    /// motion key.
+    #[inline(always)]
+    pub(super) fn enter<L: Lanes, const MOVES: bool>(
+        &self,
+        lanes: L,
+        number: u32,
+        moment: &Moment,
+        ray: &LatticeRay,
+        stack: &mut Stack,
+    ) -> Option<Waiting> {
+        let node = self.node(number, moment.from);
+        let mut near = [0.0; LANES];
+        let met = if MOVES {
+            let later = &self.node(number, moment.to).boxes;
+            (node.boxes).met_on_the_way(later, moment, lanes, ray, &mut near)
+        } else {
+            node.boxes.met(lanes, ray, &mut near)
+        };
+        let there = (1 << node.children()) - 1;
+        stack.add(met & there, |c| Waiting::child(near[c], node.child(c)))
     }
 
     /// What it encloses at a motion key.

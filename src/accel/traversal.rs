@@ -43,6 +43,30 @@ pub(super) fn any<T: Traversal>(tree: &mut T, ray: &Ray) -> bool {
     }
 }
 
+/// The nearest place itself.
+#[cfg(test)]
+pub(super) fn place<T: Traversal>(tree: &mut T, ray: &Ray) -> Option<T::Met> {
+    if tree.moves() {
+        tree.isa().run(Place::<T, true>(tree, ray))
+    } else {
+        tree.isa().run(Place::<T, false>(tree, ray))
+    }
+}
+
+#[cfg(test)]
+struct Place<'a, T, const MOVES: bool>(&'a mut T, &'a Ray);
+
+#[cfg(test)]
+impl<T: Traversal, const MOVES: bool> Body for Place<'_, T, MOVES> {
+    type Output = Option<T::Met>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Option<T::Met> {
+        let Self(tree, ray) = self;
+        tree.meet::<L, false, MOVES>(lanes, ray)
+    }
+}
+
 struct Nearest<'a, T, const MOVES: bool>(&'a mut T, &'a Ray);
 
 impl<T: Traversal, const MOVES: bool> Body for Nearest<'_, T, MOVES> {

@@ -4,7 +4,6 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use rayon::prelude::*;
 use segments::Cache;
 
 use super::*;
@@ -12,8 +11,8 @@ use crate::accel::tests::random_ray;
 use crate::accel::{Compact, CompactOptions, MaxError};
 use crate::math::Vec3;
 use crate::surface::tests::shapes::{Patches, Random};
-use crate::surface::tests::{amount, closed, displacements, effort, leaks, mixed, surface};
-use crate::surface::{Diced, Displacement, Function, Rates};
+use crate::surface::tests::{amount, closed, displacements, effort, leaks, surface};
+use crate::surface::{Displacement, Function, Rates};
 
 /// Segments of three patches, or so.
 const TINY: usize = 48 << 10;
@@ -75,38 +74,19 @@ fn hits_are_those_of_compact_to_the_bit_whatever_the_size() {
 /// and far from it, still and moving, by a cache whose segments go all the time. None escapes.
 #[test]
 fn no_ray_escapes_while_segments_go() {
-    let cases: Vec<_> = [false, true].into_iter().flat_map(leaks::solids).collect();
-    let each = effort(1_000_000).div_ceil(cases.len());
     // One cache for all of them.
     let cache = Arc::new(Cache::new(2 * TINY));
-    let escaped: usize = cases
-        .into_par_iter()
-        .map(|solid| {
-            let leaks::Solid {
-                name,
-                surface,
-                inside,
-            } = solid;
-            let (rates, surface) = (mixed(&surface), Arc::new(surface));
-            let tree = Cached::build(&surface, &rates, MaxError::Usual, &cache, &|_| true);
-            let (tree, diced) = (tree.expect("built"), Diced::new(&surface, &rates));
-            let mut random = Random(7);
-            let escaped = (0..each)
-                .filter(|&i| {
-                    let mut ray = leaks::ray(&diced, inside, i, &mut random);
-                    ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
-                    !tree.occluded(0, &ray)
-                })
-                .count();
-            if escaped > 0 {
-                println!("{name}: {escaped} of {each} rays escaped");
-            }
-            escaped
-        })
-        .sum();
+    let lost = leaks::lost(
+        effort(1_000_000),
+        leaks::still_and_moving(),
+        |surface, rates| {
+            Cached::build(surface, rates, MaxError::Usual, &cache, &|_| true).expect("built")
+        },
+        |tree, ray, _, _| tree.occluded(0, &ray),
+    );
     let asked = cache.asked();
     println!("{asked:?}");
-    assert_eq!(escaped, 0);
+    assert_eq!(lost, 0);
     assert!(asked.kept > 1000 && asked.hits > 1000, "{asked:?}");
 }
 

@@ -4,7 +4,6 @@
 use std::sync::Arc;
 
 use proptest::prelude::*;
-use rayon::prelude::*;
 
 use super::block::{CELLS, Head, PADDING, SIDE, Vertices};
 use super::patch::FAN;
@@ -262,34 +261,13 @@ fn every_box_encloses_what_is_below_it() {
 /// near the origin and far from it, still and moving. None escapes.
 #[test]
 fn no_ray_escapes() {
-    let cases: Vec<_> = [false, true].into_iter().flat_map(leaks::solids).collect();
-    let each = effort(100_000).div_ceil(cases.len());
-    let escaped: usize = cases
-        .par_iter()
-        .map(
-            |leaks::Solid {
-                 name,
-                 surface,
-                 inside,
-             }| {
-                let rates = mixed(surface);
-                let (tree, diced) = (usual(surface), Diced::new(surface, &rates));
-                let mut random = Random(7);
-                let escaped = (0..each)
-                    .filter(|&i| {
-                        let mut ray = leaks::ray(&diced, *inside, i, &mut random);
-                        ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
-                        !tree.occluded(0, &ray)
-                    })
-                    .count();
-                if escaped > 0 {
-                    println!("{name}: {escaped} of {each} rays escaped");
-                }
-                escaped
-            },
-        )
-        .sum();
-    assert_eq!(escaped, 0, "of {} rays", each * cases.len());
+    let lost = leaks::lost(
+        effort(100_000),
+        leaks::still_and_moving(),
+        |surface, _| usual(surface),
+        |tree, ray, _, _| tree.occluded(0, &ray),
+    );
+    assert_eq!(lost, 0);
 }
 
 #[test]

@@ -132,7 +132,6 @@ impl<'s, P: Patches<'s>> Traversal for Through<P> {
         let root = skeleton.top.root()?;
         let moment = Moment::new(skeleton.keys, ray.time);
         let mut walk = Walk::<MOVES> {
-            skeleton,
             moment: &moment,
             world: *ray,
             ray: LatticeRay::new(&skeleton.lattice, ray, skeleton.reach),
@@ -144,9 +143,8 @@ impl<'s, P: Patches<'s>> Traversal for Through<P> {
         while let Some(at) = next {
             next = match at.place() {
                 Place::Node(node) => {
-                    let hits = walk.children(lanes, node, &mut near);
-                    let node = skeleton.top.node(node, moment.from);
-                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
+                    let (moment, ray) = (walk.moment, &walk.ray);
+                    (skeleton.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
                 }
                 Place::Patch(patch) => {
                     let view = patches.enter(patch);
@@ -182,7 +180,6 @@ impl<'s, P: Patches<'s>> Traversal for Through<P> {
 }
 
 struct Walk<'a, const MOVES: bool> {
-    skeleton: &'a Skeleton,
     moment: &'a Moment,
     /// The ray as it was given, and on the lattice; both end at the nearest hit so far.
     world: Ray,
@@ -194,16 +191,7 @@ const COLUMNS: [i32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7];
 const ROWS: [i32; LANES] = [0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1];
 
 impl<const MOVES: bool> Walk<'_, MOVES> {
-    /// The children of a node over patches that the ray meets, as bits, and where it enters each.
-    #[inline(always)]
-    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
-        let at = |key| self.skeleton.top.node(number, key);
-        let node = at(self.moment.from);
-        let boxes = [node, at(self.moment.to)].map(|node| &node.boxes);
-        self.met(lanes, boxes, entries) & ((1 << node.children()) - 1)
-    }
-
-    /// The same for the blocks of a patch.
+    /// The blocks of a patch that the ray meets, as bits, and where it enters each.
     #[inline(always)]
     fn blocks<L: Lanes>(&self, lanes: L, view: &View<'_>, entries: &mut [f32; LANES]) -> u32 {
         let at = |key: usize| &view.nodes[key].boxes;

@@ -72,9 +72,8 @@ impl Traversal for &Compressed {
         while let Some(at) = next {
             next = match at.place() {
                 Place::Node(node) => {
-                    let hits = walk.children(lanes, node, &mut near);
-                    let node = tree.top.node(node, moment.from);
-                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
+                    let (moment, ray) = (walk.moment, &walk.ray);
+                    (tree.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
                 }
                 Place::Patch(number) => {
                     walk.number = number;
@@ -127,16 +126,7 @@ const REACHES: [f32; 3] = [16.0, 16.0, 512.0];
 const LEAST: f32 = 1.0 / (1_u64 << 44) as f32;
 
 impl<const MOVES: bool> Walk<'_, MOVES> {
-    /// The children of a node over patches that the ray meets, as bits, and where it enters each.
-    #[inline(always)]
-    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
-        let at = |key| self.tree.top.node(number, key);
-        let node = at(self.moment.from);
-        let boxes = [node, at(self.moment.to)].map(|node| &node.boxes);
-        self.met(lanes, boxes, entries) & ((1 << node.children()) - 1)
-    }
-
-    /// The same for the tiles of the patch.
+    /// The tiles of the patch that the ray meets, as bits, and where it enters each.
     #[inline(always)]
     fn tiles<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {
         let root = self.patch.root as usize;

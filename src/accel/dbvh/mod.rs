@@ -61,6 +61,7 @@ use super::moment::Moment;
 use super::quads::SIDE;
 use super::simd::Isa;
 use super::top::Top;
+use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2};
 use crate::stats::AchievedError;
@@ -140,7 +141,7 @@ impl Dbvh {
         self.corners.len() as u32
     }
 
-    fn hit(&self, ray: &Ray, met: &Met) -> Hit {
+    fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {
         let patch = &self.patches[met.patch as usize];
         let face = &self.faces[patch.face as usize];
         let moment = Moment::new(self.keys(), ray.time);
@@ -190,11 +191,11 @@ impl Intersector for Dbvh {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        self.trace::<false>(ray).map(|met| self.hit(ray, &met))
+        nearest(&mut &*self, ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        self.trace::<true>(ray).is_some()
+        any(&mut &*self, ray)
     }
 
     fn memory(&self) -> usize {

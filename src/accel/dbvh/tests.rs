@@ -16,9 +16,8 @@ use crate::accel::top::Child;
 use crate::accel::triangle::origin_in;
 use crate::image::Wrap;
 use crate::math::Vec3;
-use crate::surface::tests::leaks::{self, Solid};
 use crate::surface::tests::shapes::{Patches, Random, noise};
-use crate::surface::tests::{amount, closed, displacements, effort, mixed, surface};
+use crate::surface::tests::{amount, closed, displacements, effort, leaks, mixed, surface};
 use crate::surface::{
     Amount, Channels, Diced, Displacement, Function, ImageMap, Rates, Shell, Space, Surface,
 };
@@ -495,36 +494,13 @@ fn every_box_encloses_what_is_below_it() {
 /// near the origin and far from it, still and moving. None escapes.
 #[test]
 fn no_ray_escapes() {
-    let cases: Vec<_> = [false, true].into_iter().flat_map(leaks::solids).collect();
-    let is_scalar = |case: &Solid| !matches!(case.surface.displacement(), Displacement::Vector(..));
-    let cases: Vec<_> = cases.into_iter().filter(is_scalar).collect();
-    let each = effort(100_000).div_ceil(cases.len());
-    let escaped: usize = cases
-        .par_iter()
-        .map(
-            |Solid {
-                 name,
-                 surface,
-                 inside,
-             }| {
-                let rates = mixed(surface);
-                let (tree, diced) = (usual(surface, &rates), Diced::new(surface, &rates));
-                let mut random = Random(7);
-                let escaped = (0..each)
-                    .filter(|&i| {
-                        let mut ray = leaks::ray(&diced, *inside, i, &mut random);
-                        ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
-                        !tree.occluded(0, &ray)
-                    })
-                    .count();
-                if escaped > 0 {
-                    println!("{name}: {escaped} of {each} rays escaped");
-                }
-                escaped
-            },
-        )
-        .sum();
-    assert_eq!(escaped, 0, "of {} rays", each * cases.len());
+    let lost = leaks::lost(
+        effort(100_000),
+        leaks::along_normals(),
+        |surface, rates| usual(surface, rates),
+        |tree, ray, _, _| tree.occluded(0, &ray),
+    );
+    assert_eq!(lost, 0);
 }
 
 #[test]

@@ -7,17 +7,19 @@ use super::heights::{Reader, ends};
 use super::part::{FAN, Part};
 use super::shadows::{Parts, Straight};
 use super::woven::{Net, Woven};
+use crate::accel::Hit;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::quads::Sheared;
-use crate::accel::simd::{Body, LANES, Lanes};
+use crate::accel::simd::{Isa, LANES, Lanes};
+use crate::accel::traversal::Traversal;
 use crate::accel::triangle::TriangleHit;
 use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Met {
+pub(in crate::accel) struct Met {
     pub(super) hit: TriangleHit,
     pub(super) patch: u32,
     /// Column and row of the block's first micro-vertex in the quad.
@@ -28,29 +30,31 @@ pub(super) struct Met {
     pub(super) second: bool,
 }
 
-impl Dbvh {
-    /// The nearest triangle, or `ANY` one.
-    #[inline]
-    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
-        if self.corners.len() == 1 {
-            self.isa.run(Trace::<ANY, false> { tree: self, ray })
-        } else {
-            self.isa.run(Trace::<ANY, true> { tree: self, ray })
-        }
-    }
-}
-
-struct Trace<'a, const ANY: bool, const MOVES: bool> {
-    tree: &'a Dbvh,
-    ray: &'a Ray,
-}
-
-impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
-    type Output = Option<Met>;
+impl Traversal for &Dbvh {
+    type Met = Met;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self { tree, ray } = self;
+    fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    #[inline(always)]
+    fn moves(&self) -> bool {
+        self.corners.len() > 1
+    }
+
+    #[inline(always)]
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
+        self.hit_on(ray, met)
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &mut self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let tree = *self;
         let root = tree.top.root()?;
         let moment = Moment::new(tree.corners.len() as u32, ray.time);
         // Replaced before it is looked at: the root leads to a patch.
@@ -81,9 +85,8 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
         while let Some(at) = next {
             next = match at.place() {
                 Place::Node(node) => {
-                    let hits = walk.children(lanes, node, &mut near);
-                    let node = tree.top.node(node, moment.from);
-                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
+                    let (moment, ray) = (walk.moment, &walk.ray);
+                    (tree.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
                 }
                 Place::Patch(number) => {
                     walk.enter(number);
@@ -195,21 +198,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         };
     }
 
-    /// The children of a node over patches that the ray meets, as bits, and where it enters each.
-    #[inline(always)]
-    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
-        let at = |key| self.tree.top.node(number, key);
-        let node = at(self.moment.from);
-        let met = if MOVES {
-            let to = at(self.moment.to);
-            (node.boxes).met_on_the_way(&to.boxes, self.moment, lanes, &self.ray, entries)
-        } else {
-            node.boxes.met(lanes, &self.ray, entries)
-        };
-        met & ((1 << node.children()) - 1)
-    }
-
-    /// The same for the children of a part of the patch.
+    /// The children of a part of the patch that the ray meets, as bits, and where it enters each.
     #[inline(always)]
     fn parts<L: Lanes>(&mut self, lanes: L, part: &Part, entries: &mut [f32; LANES]) -> u32 {
         let (tree, face) = (self.tree, self.face);

@@ -72,6 +72,7 @@ use super::lattice::Lattice;
 use super::moment::Moment;
 use super::simd::Isa;
 use super::top::Top;
+use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec3, Ray, Vec2, Vec3};
 use crate::stats::AchievedError;
@@ -388,7 +389,7 @@ impl Nonlinear {
         [a * from[0] + b * to[0], a * from[1] + b * to[1]]
     }
 
-    fn hit(&self, ray: &Ray, met: &Met) -> Hit {
+    fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {
         let quad = &self.quad(met.quad);
         let moment = Moment::new(self.keys, ray.time);
         let [x, y] = [0, 1].map(|k| met.uv[k] - (met.cell[k] - quad.first[k]) as f32);
@@ -470,11 +471,11 @@ impl Intersector for Nonlinear {
     }
 
     fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        self.trace::<false>(ray).map(|met| self.hit(ray, &met))
+        nearest(&mut &*self, ray)
     }
 
     fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        self.trace::<true>(ray).is_some()
+        any(&mut &*self, ray)
     }
 
     fn memory(&self) -> usize {

@@ -1,15 +1,15 @@
 //! Bent rays against a loop over all micro-triangles in double precision, and rays that must not escape.
 
 use proptest::prelude::*;
-use rayon::prelude::*;
 
 use super::*;
-use crate::accel::tests::random_ray;
+use crate::accel::tests::{met_in_double, random_ray};
+use crate::accel::traversal::place;
 use crate::error::Error;
 use crate::math::DVec2;
 use crate::surface::tests::shapes::{Patches, Random};
 use crate::surface::tests::{closed, displacements, effort, leaks, mixed, surface};
-use crate::surface::{Diced, Displacement, Rates, Surface};
+use crate::surface::{Displacement, Rates, Surface};
 
 fn nonlinear(surface: &Surface, rates: &Rates) -> Nonlinear {
     Nonlinear::build(surface, rates, &|_| true).expect("nobody stops it")
@@ -70,20 +70,11 @@ impl Nonlinear {
     /// that are traced, which are bent. None reaches across a diagonal, of its micro-quad or of its quad.
     fn brute_force(&self, ray: &Ray, halvings: u32) -> Option<Brute> {
         let moment = Moment::new(self.keys, ray.time);
-        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
         let mut nearest: Option<Brute> = None;
         let mut test = |a: DVec3, b: DVec3, c: DVec3| {
-            let (e1, e2) = (b - a, c - a);
-            let p = d.cross(e2);
-            let det = e1.dot(p);
-            let s = o - a;
-            let u = s.dot(p) / det;
-            let q = s.cross(e1);
-            let v = d.dot(q) / det;
-            let t = e2.dot(q) / det;
-            let inside = u.min(v).min(1.0 - u - v);
-            let met = inside >= 0.0 && t > f64::from(ray.t_min) && t < f64::from(ray.t_max);
-            if met && nearest.is_none_or(|n| t < n.t) {
+            if let Some((t, inside)) = met_in_double(ray, [a, b, c])
+                && nearest.is_none_or(|n| t < n.t)
+            {
                 nearest = Some(Brute { t, inside });
             }
         };
@@ -286,13 +277,13 @@ fn hits_lie_on_the_bent_triangles() {
             let mut largest = 0.0_f64;
             for _ in 0..2000 {
                 let ray = random_ray(&mut random);
-                let Some(met) = tree.trace::<false>(&ray) else {
+                let Some(met) = place(&mut &tree, &ray) else {
                     continue;
                 };
                 let moment = Moment::new(tree.keys, ray.time);
                 let quad = tree.quad(met.quad);
                 let point = tree.point(&quad, met.uv.map(f64::from), &moment);
-                let hit = tree.hit(&ray, &met);
+                let hit = tree.hit_on(&ray, &met);
                 let normal = hit.normal.as_dvec3().normalize_or_zero();
                 let gap =
                     ray.origin.as_dvec3() + f64::from(met.t) * ray.direction.as_dvec3() - point;
@@ -307,54 +298,32 @@ fn hits_lie_on_the_bent_triangles() {
 /// origin and far from it, still and moving; a quarter of them at micro-vertices. None escapes.
 #[test]
 fn no_ray_escapes() {
-    let solids = [false, true].into_iter().flat_map(leaks::solids);
-    let cases: Vec<_> = solids
-        .filter(|solid| !matches!(solid.surface.displacement(), Displacement::Vector(..)))
-        .collect();
-    let each = effort(1_000_000).div_ceil(cases.len());
-    let escaped: usize = cases
-        .par_iter()
-        .map(
-            |leaks::Solid {
-                 name,
-                 surface,
-                 inside,
-             }| {
-                let rates = mixed(surface);
-                let (tree, diced) = (nonlinear(surface, &rates), Diced::new(surface, &rates));
-                let mut random = Random(7);
-                let escaped = (0..each)
-                    .filter(|&i| {
-                        let mut ray = leaks::ray(&diced, *inside, i, &mut random);
-                        ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
-                        if i % 4 == 0 {
-                            let quad = (random.next() * tree.quads.len() as f32) as usize;
-                            let quad = &tree.quad(quad.min(tree.quads.len() - 1) as u32);
-                            let uv = [0, 1].map(|k| {
-                                let count = quad.last[k] - quad.first[k] + 2;
-                                let at = (random.next() * count as f32).floor();
-                                // A half of them on edges.
-                                let at = if i % 8 == 0 {
-                                    at
-                                } else {
-                                    (at / (count - 1) as f32).round() * (count - 1) as f32
-                                };
-                                f64::from(at).clamp(quad.begin[k], quad.end[k])
-                            });
-                            let moment = Moment::new(tree.keys, ray.time);
-                            ray.direction = tree.point(quad, uv, &moment).as_vec3() - *inside;
-                        }
-                        !tree.occluded(0, &ray)
-                    })
-                    .count();
-                if escaped > 0 {
-                    println!("{name}: {escaped} of {each} rays escaped");
-                }
-                escaped
-            },
-        )
-        .sum();
-    assert_eq!(escaped, 0, "of {} rays", each * cases.len());
+    let lost = leaks::lost(
+        effort(1_000_000),
+        leaks::along_normals(),
+        |surface, rates| nonlinear(surface, rates),
+        |tree, mut ray, i, random| {
+            if i % 4 == 0 {
+                let quad = (random.next() * tree.quads.len() as f32) as usize;
+                let quad = &tree.quad(quad.min(tree.quads.len() - 1) as u32);
+                let uv = [0, 1].map(|k| {
+                    let count = quad.last[k] - quad.first[k] + 2;
+                    let at = (random.next() * count as f32).floor();
+                    // A half of them on edges.
+                    let at = if i % 8 == 0 {
+                        at
+                    } else {
+                        (at / (count - 1) as f32).round() * (count - 1) as f32
+                    };
+                    f64::from(at).clamp(quad.begin[k], quad.end[k])
+                });
+                let moment = Moment::new(tree.keys, ray.time);
+                ray.direction = tree.point(quad, uv, &moment).as_vec3() - ray.origin;
+            }
+            tree.occluded(0, &ray)
+        },
+    );
+    assert_eq!(lost, 0);
 }
 
 /// Prisms that lean, twist, shrink to a point or turn over, heights that jump: rays hit them where the loop says.
@@ -399,7 +368,7 @@ fn awkward(seed: u64, twist: f32, log: u8, flat: bool) -> Result<(), TestCaseErr
         match (coarse, fine) {
             (Some(a), Some(b)) if (a.t - b.t).abs() < 3e-3 && a.inside.min(b.inside) > 0.05 => {
                 // A crest that the ray passes within a rounding of is met: that must be on the surface, and before.
-                let grazes = tree.trace::<false>(&ray).is_some_and(|met| {
+                let grazes = place(&mut &tree, &ray).is_some_and(|met| {
                     let uv = met.uv.map(f64::from);
                     let on = tree.point(&tree.quad(met.quad), uv, &Moment::new(1, 0.0));
                     let at = ray.origin.as_dvec3() + f64::from(met.t) * ray.direction.as_dvec3();
@@ -439,7 +408,7 @@ proptest! {
         seed in 0_u64..1 << 40,
         twist in prop::sample::select(vec![0.0_f32, 0.2, 0.9]),
         log in 2_u8..5,
-        flat in any::<bool>(),
+        flat in prop::bool::ANY,
     ) {
         awkward(seed, twist, log, flat)?;
     }
@@ -491,7 +460,7 @@ fn instruction_sets_agree() {
     let met = Isa::all().into_iter().map(|isa| {
         tree.isa = isa;
         rays.iter()
-            .map(|ray| tree.trace::<false>(ray))
+            .map(|ray| place(&mut &tree, ray))
             .collect::<Vec<_>>()
     });
     let met: Vec<_> = met.collect();

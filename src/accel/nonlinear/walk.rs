@@ -13,15 +13,17 @@ use super::field::{LEVELS, Size};
 use super::lined::{Lined, Node};
 use super::prism::{Parts, Pole, Sheared, Side, Span, find};
 use super::{Nonlinear, Quad, micro};
+use crate::accel::Hit;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::simd::{Body, LANES, Lanes};
+use crate::accel::simd::{Isa, LANES, Lanes};
+use crate::accel::traversal::Traversal;
 use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met the surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Met {
+pub(in crate::accel) struct Met {
     pub(super) t: f32,
     pub(super) quad: u32,
     /// In micro-quads of the quad.
@@ -33,29 +35,31 @@ pub(super) struct Met {
     pub(super) wall: Option<(usize, bool)>,
 }
 
-impl Nonlinear {
-    /// The nearest hit, or `ANY` one.
-    #[inline]
-    pub(super) fn trace<const ANY: bool>(&self, ray: &Ray) -> Option<Met> {
-        if self.keys == 1 {
-            self.isa.run(Trace::<ANY, false> { of: self, ray })
-        } else {
-            self.isa.run(Trace::<ANY, true> { of: self, ray })
-        }
-    }
-}
-
-struct Trace<'a, const ANY: bool, const MOVES: bool> {
-    of: &'a Nonlinear,
-    ray: &'a Ray,
-}
-
-impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
-    type Output = Option<Met>;
+impl Traversal for &Nonlinear {
+    type Met = Met;
 
     #[inline(always)]
-    fn run<L: Lanes>(self, lanes: L) -> Option<Met> {
-        let Self { of, ray } = self;
+    fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    #[inline(always)]
+    fn moves(&self) -> bool {
+        self.keys > 1
+    }
+
+    #[inline(always)]
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
+        self.hit_on(ray, met)
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &mut self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let of = *self;
         let root = of.top.root()?;
         let moment = Moment::new(of.keys, ray.time);
         let mut walk = Walk::<MOVES> {
@@ -67,15 +71,13 @@ impl<const ANY: bool, const MOVES: bool> Body for Trace<'_, ANY, MOVES> {
             ray: LatticeRay::new(&of.lattice, ray, of.reach),
         };
         let mut nearest = None;
-        let mut near = [0.0; LANES];
         let mut stack = Stack::default();
         let mut next = Some(Waiting::child(0.0, root));
         while let Some(at) = next {
             next = match at.place() {
                 Place::Node(node) => {
-                    let hits = walk.children(lanes, node, &mut near);
-                    let node = of.top.node(node, moment.from);
-                    stack.add(hits, |c| Waiting::child(near[c], node.child(c)))
+                    let (moment, ray) = (walk.moment, &walk.ray);
+                    (of.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
                 }
                 Place::Patch(number) => {
                     if let Some(met) = walk.quad(lanes, number) {
@@ -113,20 +115,6 @@ struct Walk<'a, const MOVES: bool> {
 const MOST_WAITING: usize = 6 * LEVELS + 1;
 
 impl<const MOVES: bool> Walk<'_, MOVES> {
-    /// The children of a node over quads that the ray meets, as bits, and where it enters each.
-    #[inline(always)]
-    fn children<L: Lanes>(&self, lanes: L, number: u32, entries: &mut [f32; LANES]) -> u32 {
-        let node = self.of.top.node(number, self.moment.from);
-        let met = if MOVES {
-            let to = &self.of.top.node(number, self.moment.to).boxes;
-            node.boxes
-                .met_on_the_way(to, self.moment, lanes, &self.ray, entries)
-        } else {
-            node.boxes.met(lanes, &self.ray, entries)
-        };
-        met & ((1 << node.children()) - 1)
-    }
-
     /// The nearest hit on a quad.
     #[inline(always)]
     fn quad<L: Lanes>(&self, lanes: L, number: u32) -> Option<Met> {

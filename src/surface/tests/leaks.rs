@@ -68,6 +68,50 @@ pub(crate) fn escapes<T>(
     }
 }
 
+/// Sends at least so many rays at all times, from one solid after the other: `build` makes what is traced of a surface, and
+/// `met` says whether the ray of a number meets it. Gives how many escaped.
+pub(crate) fn lost<T>(
+    rays: usize,
+    solids: Vec<Solid>,
+    build: impl Fn(&Arc<Surface>, &Rates) -> T + Sync,
+    met: impl Fn(&T, Ray, usize, &mut Random) -> bool + Sync,
+) -> usize {
+    let each = rays.div_ceil(solids.len());
+    let of_solid = |solid: Solid| {
+        let Solid {
+            name,
+            surface,
+            inside,
+        } = solid;
+        let (rates, surface) = (mixed(&surface), Arc::new(surface));
+        let (traced, diced) = (build(&surface, &rates), Diced::new(&surface, &rates));
+        let mut random = Random(7);
+        let mut lost = 0;
+        for i in 0..each {
+            let mut ray = ray(&diced, inside, i, &mut random);
+            ray.time = if i % 3 == 0 { 0.0 } else { random.next() };
+            lost += usize::from(!met(&traced, ray, i, &mut random));
+        }
+        if lost > 0 {
+            println!("{name}: {lost} of {each} rays escaped");
+        }
+        lost
+    };
+    solids.into_par_iter().map(of_solid).sum()
+}
+
+/// All solids, still and moving.
+pub(crate) fn still_and_moving() -> Vec<Solid> {
+    [false, true].into_iter().flat_map(solids).collect()
+}
+
+/// Those that are not displaced by vectors.
+pub(crate) fn along_normals() -> Vec<Solid> {
+    let mut solids = still_and_moving();
+    solids.retain(|solid| !matches!(solid.surface.displacement(), Displacement::Vector(..)));
+    solids
+}
+
 fn cases() -> Vec<Case> {
     let diced = |solid: Solid| Case {
         name: solid.name,

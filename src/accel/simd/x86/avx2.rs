@@ -1,0 +1,370 @@
+//! Two registers of eight.
+
+use std::arch::x86_64::*;
+
+use super::{Avx2, four_places, windows};
+use crate::accel::simd::{FROM_HALF, LANES, Lanes, NARROW_FIELDS, Nibbles};
+
+impl Avx2 {
+    /// For each bit that is set, one lane moved to another: `ways` says from where and to where, of the bit's lane and the
+    /// number of those before it. All lanes are below sixteen.
+    #[inline(always)]
+    fn moved(
+        self,
+        a: [__m256; 2],
+        bits: u32,
+        ways: impl Fn(usize, usize) -> [usize; 2],
+    ) -> [__m256; 2] {
+        let (mut all, mut out) = ([0.0; LANES], [0.0; LANES]);
+        self.store(a, &mut all);
+        let (mut bits, mut place) = (bits & 0xffff, 0);
+        while bits != 0 {
+            let [from, to] = ways(bits.trailing_zeros() as usize, place).map(|lane| lane % LANES);
+            out[to] = all[from];
+            bits &= bits - 1;
+            place += 1;
+        }
+        self.load(&out)
+    }
+}
+
+impl Lanes for Avx2 {
+    type Floats = [__m256; 2];
+    type Ints = [__m256i; 2];
+
+    #[inline(always)]
+    fn floats(self, value: f32) -> [__m256; 2] {
+        [op!(_mm256_set1_ps(value)); 2]
+    }
+    #[inline(always)]
+    fn ints(self, value: i32) -> [__m256i; 2] {
+        [op!(_mm256_set1_epi32(value)); 2]
+    }
+    #[inline(always)]
+    fn load_ints(self, values: &[i32; LANES]) -> [__m256i; 2] {
+        let at = values.as_ptr().cast::<__m256i>();
+        // SAFETY: the token says that the instructions are there; twice 32 bytes are.
+        unsafe { [_mm256_loadu_si256(at), _mm256_loadu_si256(at.add(1))] }
+    }
+    #[inline(always)]
+    fn load(self, values: &[f32; LANES]) -> [__m256; 2] {
+        let at = values.as_ptr();
+        // SAFETY: the token says that the instructions are there; twice 32 bytes are.
+        unsafe { [_mm256_loadu_ps(at), _mm256_loadu_ps(at.add(8))] }
+    }
+    #[inline(always)]
+    fn store(self, values: [__m256; 2], to: &mut [f32; LANES]) {
+        let at = to.as_mut_ptr();
+        // SAFETY: the token says that the instructions are there; twice 32 bytes are.
+        unsafe {
+            _mm256_storeu_ps(at, values[0]);
+            _mm256_storeu_ps(at.add(8), values[1]);
+        }
+    }
+    #[inline(always)]
+    fn add(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_add_ps(a[0], b[0]), _mm256_add_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn sub(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_sub_ps(a[0], b[0]), _mm256_sub_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn mul(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_mul_ps(a[0], b[0]), _mm256_mul_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn div(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_div_ps(a[0], b[0]), _mm256_div_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn min(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_min_ps(a[0], b[0]), _mm256_min_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn max(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_max_ps(a[0], b[0]), _mm256_max_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn less(self, a: [__m256; 2], b: [__m256; 2]) -> u32 {
+        let bits = |i: usize| op!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(a[i], b[i])));
+        (bits(0) | (bits(1) << 8)) as u32
+    }
+    #[inline(always)]
+    fn less_equal(self, a: [__m256; 2], b: [__m256; 2]) -> u32 {
+        let bits = |i: usize| op!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a[i], b[i])));
+        (bits(0) | (bits(1) << 8)) as u32
+    }
+    #[inline(always)]
+    fn sqrt(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_sqrt_ps(a[0]), _mm256_sqrt_ps(a[1])])
+    }
+    #[inline(always)]
+    fn if_less(
+        self,
+        a: [__m256; 2],
+        b: [__m256; 2],
+        then: [__m256; 2],
+        otherwise: [__m256; 2],
+    ) -> [__m256; 2] {
+        op!([
+            _mm256_blendv_ps(
+                otherwise[0],
+                then[0],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[0], b[0])
+            ),
+            _mm256_blendv_ps(
+                otherwise[1],
+                then[1],
+                _mm256_cmp_ps::<_CMP_LT_OQ>(a[1], b[1])
+            ),
+        ])
+    }
+    #[inline(always)]
+    fn add_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
+        op!([_mm256_add_epi32(a[0], b[0]), _mm256_add_epi32(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn and_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
+        op!([_mm256_and_si256(a[0], b[0]), _mm256_and_si256(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn mul_ints(self, a: [__m256i; 2], b: [__m256i; 2]) -> [__m256i; 2] {
+        op!([
+            _mm256_mullo_epi32(a[0], b[0]),
+            _mm256_mullo_epi32(a[1], b[1])
+        ])
+    }
+    #[inline(always)]
+    fn shift_right<const BY: u32>(self, a: [__m256i; 2]) -> [__m256i; 2] {
+        // The instruction takes the count from a register as well; `BY` is a constant there.
+        op!({
+            let by = _mm_cvtsi32_si128(BY as i32);
+            [_mm256_sra_epi32(a[0], by), _mm256_sra_epi32(a[1], by)]
+        })
+    }
+    #[inline(always)]
+    fn to_floats(self, a: [__m256i; 2]) -> [__m256; 2] {
+        op!([_mm256_cvtepi32_ps(a[0]), _mm256_cvtepi32_ps(a[1])])
+    }
+    #[inline(always)]
+    fn abs(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let sign = _mm256_set1_ps(-0.0);
+            [_mm256_andnot_ps(sign, a[0]), _mm256_andnot_ps(sign, a[1])]
+        })
+    }
+    #[inline(always)]
+    fn floor(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!([_mm256_floor_ps(a[0]), _mm256_floor_ps(a[1])])
+    }
+    #[inline(always)]
+    fn to_ints(self, a: [__m256; 2]) -> [__m256i; 2] {
+        op!([_mm256_cvttps_epi32(a[0]), _mm256_cvttps_epi32(a[1])])
+    }
+    #[inline(always)]
+    fn select(self, bits: u32, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let bit = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            let mask = |bits: u32| {
+                let all = _mm256_and_si256(_mm256_set1_epi32(bits as i32), bit);
+                _mm256_castsi256_ps(_mm256_cmpeq_epi32(all, bit))
+            };
+            [
+                _mm256_blendv_ps(b[0], a[0], mask(bits)),
+                _mm256_blendv_ps(b[1], a[1], mask(bits >> 8)),
+            ]
+        })
+    }
+    #[inline(always)]
+    fn of_bits(self, a: [__m256i; 2]) -> [__m256; 2] {
+        op!([_mm256_castsi256_ps(a[0]), _mm256_castsi256_ps(a[1])])
+    }
+    #[inline(always)]
+    fn of_halves(self, a: [__m256i; 2]) -> [__m256; 2] {
+        op!(a.map(|a| {
+            let size = _mm256_and_si256(a, _mm256_set1_epi32(0x7fff));
+            let size = _mm256_castsi256_ps(_mm256_slli_epi32::<13>(size));
+            let size = _mm256_mul_ps(size, _mm256_set1_ps(FROM_HALF));
+            let sign = _mm256_and_si256(a, _mm256_set1_epi32(0x8000));
+            _mm256_or_ps(size, _mm256_castsi256_ps(_mm256_slli_epi32::<16>(sign)))
+        }))
+    }
+    #[inline(always)]
+    fn shift_right_unsigned<const BY: u32>(self, a: [__m256i; 2]) -> [__m256i; 2] {
+        // As above.
+        op!({
+            let by = _mm_cvtsi32_si128(BY as i32);
+            [_mm256_srl_epi32(a[0], by), _mm256_srl_epi32(a[1], by)]
+        })
+    }
+    #[inline(always)]
+    fn gather(self, bytes: &[u8], at: [__m256i; 2], bits: u32) -> Option<[__m256i; 2]> {
+        let last = u32::try_from(bytes.len().checked_sub(4)?).unwrap_or(u32::MAX);
+        let set = op!({
+            // Each lane's own bit, up to its sign.
+            let low = _mm256_setr_epi32(31, 30, 29, 28, 27, 26, 25, 24);
+            let high = _mm256_setr_epi32(23, 22, 21, 20, 19, 18, 17, 16);
+            let all = _mm256_set1_epi32(bits as i32);
+            [_mm256_sllv_epi32(all, low), _mm256_sllv_epi32(all, high)]
+        });
+        let beyond = op!({
+            let most = _mm256_set1_epi32(last as i32);
+            let beyond = |at, set| {
+                let within = _mm256_cmpeq_epi32(_mm256_max_epu32(at, most), most);
+                _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_andnot_si256(within, set)))
+            };
+            beyond(at[0], set[0]) | beyond(at[1], set[1]) != 0
+        });
+        // Offsets are signed to the instruction.
+        if beyond || last > i32::MAX as u32 {
+            return None;
+        }
+        let from = bytes.as_ptr().cast();
+        let zero = op!(_mm256_setzero_si256());
+        // SAFETY: the token says that the instructions are there; all four bytes from each offset are whose bit is set.
+        Some(unsafe {
+            [
+                _mm256_mask_i32gather_epi32::<1>(zero, from, at[0], set[0]),
+                _mm256_mask_i32gather_epi32::<1>(zero, from, at[1], set[1]),
+            ]
+        })
+    }
+    #[inline(always)]
+    fn two(self, low: f32, high: f32) -> [__m256; 2] {
+        op!([_mm256_set1_ps(low), _mm256_set1_ps(high)])
+    }
+    #[inline(always)]
+    fn two_rows(self, a: [__m256; 2], pair: usize) -> [[__m256; 2]; 2] {
+        op!({
+            let first = _mm256_set1_epi32(2 * pair as i32);
+            let next = _mm256_add_epi32(first, _mm256_set1_epi32(1));
+            a.map(|a| {
+                [
+                    _mm256_permutevar8x32_ps(a, first),
+                    _mm256_permutevar8x32_ps(a, next),
+                ]
+            })
+        })
+    }
+    #[inline(always)]
+    fn compress(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
+        self.moved(a, bits, |lane, place| [lane, place])
+    }
+    #[inline(always)]
+    fn expand(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
+        self.moved(a, bits, |lane, place| [place, lane])
+    }
+    #[inline(always)]
+    fn bytes(self, bytes: &[u8; LANES]) -> [__m256; 2] {
+        let at = bytes.as_ptr();
+        // SAFETY: the token says that the instructions are there; twice 8 bytes are.
+        unsafe {
+            let [a, b] = [
+                _mm_loadl_epi64(at.cast()),
+                _mm_loadl_epi64(at.add(8).cast()),
+            ];
+            [
+                _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(a)),
+                _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(b)),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn fields(self, bytes: &[u8], rows: [usize; 2], width: u32) -> [__m256i; 2] {
+        let (fields, [a, b, c, d]) = windows(bytes, rows, width);
+        // SAFETY: the token says that the instructions are there; `windows` has seen to the 16 bytes of each place, and
+        // the tables are as long as what is loaded of them.
+        unsafe {
+            let low = _mm256_inserti128_si256::<1>(
+                _mm256_castsi128_si256(_mm_loadu_si128(a)),
+                _mm_loadu_si128(b),
+            );
+            let high = _mm256_inserti128_si256::<1>(
+                _mm256_castsi128_si256(_mm_loadu_si128(c)),
+                _mm_loadu_si128(d),
+            );
+            let shuffle = _mm256_loadu_si256(fields.shuffle.as_ptr().cast());
+            let shift = _mm256_loadu_si256(fields.shift.as_ptr().cast());
+            let mask = _mm256_set1_epi32(fields.mask as i32);
+            let take = |row| {
+                _mm256_and_si256(
+                    _mm256_srlv_epi32(_mm256_shuffle_epi8(row, shuffle), shift),
+                    mask,
+                )
+            };
+            [take(low), take(high)]
+        }
+    }
+    #[inline(always)]
+    fn narrow_fields(self, bytes: &[u8], at: usize, width: u32) -> [__m256i; 2] {
+        let fields = &NARROW_FIELDS[width as usize];
+        let bytes = &bytes[at..at + 16];
+        let shuffle = fields.shuffle.as_ptr().cast::<__m256i>();
+        let shift = fields.shift.as_ptr().cast::<__m256i>();
+        // SAFETY: the token says that the instructions are there; the 16 bytes are, and the tables have twice 32.
+        unsafe {
+            let all = _mm256_broadcastsi128_si256(_mm_loadu_si128(bytes.as_ptr().cast()));
+            let mask = _mm256_set1_epi32(fields.mask as i32);
+            let low = _mm256_shuffle_epi8(all, _mm256_loadu_si256(shuffle));
+            let high = _mm256_shuffle_epi8(all, _mm256_loadu_si256(shuffle.add(1)));
+            [
+                _mm256_and_si256(_mm256_srlv_epi32(low, _mm256_loadu_si256(shift)), mask),
+                _mm256_and_si256(
+                    _mm256_srlv_epi32(high, _mm256_loadu_si256(shift.add(1))),
+                    mask,
+                ),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn fours(self, values: &[u16], places: [usize; 4]) -> [__m256i; 2] {
+        let all = four_places(values, places);
+        op!([_mm256_cvtepu16_epi32(all[0]), _mm256_cvtepu16_epi32(all[1])])
+    }
+    #[inline(always)]
+    fn shorts(self, values: &[u16; LANES]) -> [__m256i; 2] {
+        let at = values.as_ptr().cast::<__m128i>();
+        // SAFETY: the token says that the instructions are there; twice 16 bytes are.
+        unsafe {
+            [
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at)),
+                _mm256_cvtepu16_epi32(_mm_loadu_si128(at.wrapping_add(1))),
+            ]
+        }
+    }
+    #[inline(always)]
+    fn pick(self, numbers: &Nibbles, [low, high]: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let both = _mm256_set1_epi64x(i64::from_le_bytes(numbers.0));
+            let pick = |shift: __m256i| {
+                let at = _mm256_srlv_epi32(both, shift);
+                // Of each number in a lane the lowest three bits count; the fourth one chooses the half.
+                let upper = _mm256_castsi256_ps(_mm256_slli_epi32::<28>(at));
+                let (a, b) = (
+                    _mm256_permutevar8x32_ps(low, at),
+                    _mm256_permutevar8x32_ps(high, at),
+                );
+                _mm256_blendv_ps(a, b, upper)
+            };
+            [
+                pick(_mm256_setr_epi32(0, 0, 4, 4, 8, 8, 12, 12)),
+                pick(_mm256_setr_epi32(16, 16, 20, 20, 24, 24, 28, 28)),
+            ]
+        })
+    }
+    #[inline(always)]
+    fn next_in_row(self, a: [__m256; 2]) -> [__m256; 2] {
+        op!({
+            let from = _mm256_setr_epi32(1, 2, 3, 4, 5, 6, 7, 7);
+            [
+                _mm256_permutevar8x32_ps(a[0], from),
+                _mm256_permutevar8x32_ps(a[1], from),
+            ]
+        })
+    }
+    #[inline(always)]
+    fn next_row(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        [a[1], b[0]]
+    }
+}
