@@ -1,10 +1,11 @@
 //! One ray through the tree over quads, and through their heights: the body that each instruction set gets compiled.
 //!
-//! A node of a face's tree is a square of 4 x 4. It is walked from the lowest node that has all of a quad. Its lines of constant u and v, three each within it, cut the curve: six
-//! quadratics, solved at once, serve all sixteen children. A piece of the curve grows, or falls, in u and in v: it is in a
-//! child from the later of the places where it passes that child's first lines to the earlier of those where it passes the
-//! last. A child whose range of heights the curve is not within meanwhile is left out; the others are visited in the order
-//! of the curve, which is that of the ray: the first hit is the nearest.
+//! A node of a face's tree is a square of 4 x 4. It is walked from the lowest node that has all of a quad. Its lines of
+//! constant u and v, three each within it, cut the curve: six quadratics, solved at once, serve all sixteen children. A
+//! piece of the curve grows, or falls, in u and in v: it is in a child from the later of the places where it passes that
+//! child's first lines to the earlier of those where it passes the last. A child whose range of heights the curve is not
+//! within meanwhile is left out; the others are visited in the order of the curve, which is that of the ray: the first hit
+//! is the nearest.
 
 use arrayvec::ArrayVec;
 
