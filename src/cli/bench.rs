@@ -11,7 +11,7 @@ use relievo::world::Choice;
 use relievo::{Error, Result};
 
 use super::compare::{Compare, moved};
-use super::method::{MethodArgument, bounces};
+use super::method::{MethodArgument, bounce_dicing};
 
 /// Measure all ways of tracing on one set of rays: memory, building, millions of rays a second.
 #[derive(Debug, Args)]
@@ -30,14 +30,9 @@ pub(crate) struct Bench {
     #[arg(long, value_name = "METHOD", default_value = "embree-triangles")]
     relative_to: MethodArgument,
     /// Measure diffuse rays where micro-edges are so many times as long, as `relievo render --bounce-dicing` traces paths
-    /// that have bounced; at least 1. Memory is that of both dicings.
-    #[arg(
-        long,
-        value_name = "TIMES",
-        default_value_t = 1.0,
-        allow_negative_numbers = true
-    )]
-    bounce_dicing: f32,
+    /// that have bounced; at least 1. Memory is that of both dicings [default: 1]
+    #[arg(long, value_name = "TIMES", value_parser = bounce_dicing)]
+    bounce_dicing: Option<f32>,
     /// Print JSON instead of a table: one object, or an array of them for several scenes.
     #[arg(long)]
     json: bool,
@@ -58,7 +53,6 @@ impl Bench {
         if let Some(path) = &self.report {
             check_report(path)?;
         }
-        let bounce_dicing = bounces(self.bounce_dicing)?;
         let scenes = self
             .scenes
             .iter()
@@ -80,7 +74,7 @@ impl Bench {
             for &fineness in &finenesses {
                 let options = BenchOptions {
                     compare: CompareOptions {
-                        bounce_dicing,
+                        bounce_dicing: self.bounce_dicing.filter(|&times| times > 1.0),
                         ..self.compare.options(fineness, self.rays)
                     },
                     relative_to,

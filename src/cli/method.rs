@@ -2,7 +2,6 @@
 
 use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
-use relievo::Error;
 use relievo::world::{CacheSize, Choice, MaxError, Method};
 
 use super::machine::bytes;
@@ -45,18 +44,12 @@ impl CacheArgument {
     }
 }
 
-/// How many times as long micro-edges are after a bounce; none for as long.
-///
-/// # Errors
-/// What makes no sense.
-pub(super) fn bounces(times: f32) -> relievo::Result<Option<f32>> {
-    if !(1.0..=64.0).contains(&times) {
-        return Err(Error::usage(
-            format!("--bounce-dicing {times}"),
-            "micro-edges may be 1 to 64 times as long after a bounce",
-        ));
+/// How many times as long micro-edges are after a bounce: 1 to 64.
+pub(super) fn bounce_dicing(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(times) if (1.0..=64.0).contains(&times) => Ok(times),
+        _ => Err("micro-edges may be 1 to 64 times as long after a bounce".to_owned()),
     }
-    Ok((times > 1.0).then_some(times))
 }
 
 /// An error in pixels (`0.25px`) or in diagonals (`1e-5`).

@@ -8,7 +8,7 @@ use relievo::world::{Dicing, MaxError};
 use relievo::{Error, Result};
 use serde::{Deserialize, Serialize};
 
-use super::method::{bounces, max_error};
+use super::method::{bounce_dicing, max_error};
 
 /// As it was given. A store remembers what its build was told, and a render from it need not say it again.
 #[derive(Debug, Clone, Default, PartialEq, Args, Serialize, Deserialize)]
@@ -51,7 +51,7 @@ pub(super) struct Staging {
     #[arg(
         long,
         value_name = "TIMES",
-        allow_negative_numbers = true,
+        value_parser = bounce_dicing,
         help_heading = "Quality"
     )]
     bounce_dicing: Option<f32>,
@@ -123,7 +123,6 @@ impl Staging {
                 ));
             }
         }
-        self.bounce_dicing.map(bounces).transpose()?;
         match self.frame {
             Some(frame) if !frame.is_finite() => Err(Error::usage(
                 format!("--frame {frame}"),

@@ -2,8 +2,8 @@
 //!
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
 //! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
-//! scene's camera, by squares of pixels as pictures are rendered; from where they hit, one diffuse bounce (by the cosine) and one shadow ray to a point above the
-//! scene. The hits are those of `embree-triangles`, or of what else all others are compared with, for all methods.
+//! scene's camera, by squares of pixels as pictures are rendered; from where they hit, one diffuse bounce (by the cosine)
+//! and one shadow ray to a point above the scene. The hits are those of `embree-triangles`, or of what else all others are compared with, for all methods.
 //!
 //! Distances are measured as [`verify()`](super::verify()) does, to the same surfaces diced four times as finely, or less
 //! where that would take too much memory. Such references are held as grids: those are the same micro-triangles, in a

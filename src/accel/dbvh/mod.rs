@@ -30,8 +30,8 @@
 //!
 //! What is kept: the corners of quads, those edges, patches, and some two and a half bytes for each block, its heights' range
 //! and its share in those above: a fortieth of a byte for a micro-triangle where quads are large, and up to some four bytes
-//! where they are no larger than a block. Heights are read from the image itself as it is in memory. Heights that do not come from such an image (a
-//! primvar, Ptex, tiles of UDIM) are asked for once and kept as floats, 2 bytes a micro-triangle.
+//! where they are no larger than a block. Heights are read from the image itself as it is in memory. Heights that do not come
+//! from such an image (a primvar, Ptex, tiles of UDIM) are asked for once and kept as floats, 2 bytes a micro-triangle.
 //!
 //! Unlike the papers: quads of a subdivided surface rather than triangles, with stitched edges; blocks of 64
 //! micro-vertices, computed and tested at once in registers, rather than one texel after the other; no curved rays; parts

@@ -4,6 +4,7 @@ use super::block::Quad;
 use super::face::Face;
 use super::part::{FAN, Part};
 use crate::accel::simd::{LANES, Lanes};
+use crate::math::Vec3;
 
 const COLUMN: [i32; LANES] = [0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3];
 const ROW: [i32; LANES] = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3];
@@ -149,8 +150,8 @@ impl Straight {
     /// rhomb to be looked at so.
     #[inline(always)]
     pub(super) fn new(quad: &Quad, z: f32, inverse: f32) -> Option<Self> {
-        let mut c = [0.0; 3];
-        let [mut a, mut b, mut n] = [[0.0; 3]; 3];
+        let mut c = Vec3::ZERO;
+        let [mut a, mut b, mut n] = [Vec3::ZERO; 3];
         for k in 0..3 {
             let [p00, p10, p01, p11] = quad.p[k];
             a[k] = 0.5 * ((p10 - p00) + (p11 - p01));
@@ -158,12 +159,11 @@ impl Straight {
             c[k] = 0.25 * ((p00 + p10) + (p01 + p11));
             n[k] = 0.25 * quad.n[k].iter().sum::<f32>();
         }
-        c[2] -= z;
-        let across = [cross_of(b, n), cross_of(n, a), cross_of(a, b)];
-        let volume = dot_of(n, across[2]);
+        c.z -= z;
+        let across = [b.cross(n), n.cross(a), a.cross(b)];
+        let volume = n.dot(across[2]);
         const NARROW: f32 = 0.1;
-        let square = |a: [f32; 3]| dot_of(a, a);
-        let widest = square(a) * square(b);
+        let widest = a.length_squared() * b.length_squared();
         // Not so if it is no number.
         let is_wide = volume * volume > NARROW * NARROW * widest;
         if !is_wide {
@@ -171,14 +171,13 @@ impl Straight {
         }
         let mut straight = Self::default();
         for (k, across) in across.into_iter().enumerate() {
-            let by = across.map(|x| x / volume);
-            straight.at[k] = -dot_of(by, c);
+            let by = across / volume;
+            straight.at[k] = -by.dot(c);
             // So little that it makes no difference on all of the lattice.
             const LEAST: f32 = 1e-20;
-            let speed = by[2];
-            let speed = if speed.abs() < LEAST { LEAST } else { speed };
+            let speed = if by.z.abs() < LEAST { LEAST } else { by.z };
             straight.inverse[k] = inverse / speed;
-            straight.per_step[k] = by[0].abs() + by[1].abs() + by[2].abs();
+            straight.per_step[k] = by.abs().element_sum();
         }
         Some(straight)
     }
@@ -215,18 +214,6 @@ impl Straight {
             *far = lanes.min(lanes.max(low, high), *far);
         }
     }
-}
-
-fn cross_of(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn dot_of(a: [f32; 3], b: [f32; 3]) -> f32 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[inline(always)]

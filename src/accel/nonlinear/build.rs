@@ -2,8 +2,8 @@
 //!
 //! A face is diced as it is displaced, as it is without displacement, and moved along its normals by the object's size: the
 //! difference of the last two is the limit surface's normal, and where faces share micro-vertices it is one for all of them,
-//! the mean of theirs, as their displacement is. Heights on edges are found first, each once, at the edge's own samples. Beside the result all heights exist in single precision for a while, and a face of
-//! micro-vertices a thread.
+//! the mean of theirs, as their displacement is. Heights on edges are found first, each once, at the edge's own samples.
+//! Beside the result all heights exist in single precision for a while, and a face of micro-vertices a thread.
 
 use rayon::prelude::*;
 
