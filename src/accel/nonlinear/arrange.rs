@@ -13,8 +13,7 @@ impl Nonlinear {
     pub(super) fn arrange(&mut self, each: usize) {
         let row = self.cuts as usize + 1;
         let hull = |quad: &Leaf, key: usize| {
-            let [i, j] = quad.place.map(usize::from);
-            let first = self.faces[quad.of() as usize].corner as usize + j * row + i;
+            let first = self.corner(quad);
             let corner = |next: usize| &self.corners[key * each + first + next];
             let lines = [0, 1, row, row + 1].map(corner);
             let heights = [quad.low, quad.high];
@@ -55,8 +54,7 @@ impl Nonlinear {
         let (top, order) = Top::new(extents);
         let corner = |[p, n]: [Vec3; 2]| [p.as_dvec3(), n.as_dvec3()];
         let folds = |quad: &Leaf| {
-            let [i, j] = quad.place.map(usize::from);
-            let first = self.faces[quad.of() as usize].corner as usize + j * row + i;
+            let first = self.corner(quad);
             let [a, b, c, d] = [0, 1, row, row + 1].map(|k| corner(self.corners[first + k]));
             let heights = [f64::from(quad.low) - 1.0, f64::from(quad.high) + 1.0];
             // Between motion keys any may.
