@@ -120,6 +120,7 @@ fn trace(mesh: ControlMesh) {
             materials: Binding::default(),
             double_sided: true,
             unusable_primvars: Vec::new(),
+            tiles: None,
         }],
         placements: vec![Placement {
             path: "/Mesh".into(),

@@ -124,6 +124,25 @@ pub struct Shape {
     /// Primvars that the file gives the mesh and that do not fit it. They are not in `mesh`, and a fault once a
     /// material reads one of them.
     pub unusable_primvars: Vec<UnusablePrimvar>,
+    /// What is seen in its place, if that is not the surface itself.
+    pub tiles: Option<Tiles>,
+}
+
+/// Geometry that stands over a surface, tile by tile of its texture coordinates: shell mapping. The surface itself is not
+/// seen.
+#[derive(Debug, Clone)]
+pub struct Tiles {
+    /// The prim.
+    pub path: String,
+    /// What a tile holds, polygons: x and y run from 0 to 1 over it, along s and t, and z is above the surface. What
+    /// reaches beyond 0..1 stands in the tiles beside it.
+    pub mesh: Arc<ControlMesh>,
+    /// The primvar of the surface that holds the texture coordinates.
+    pub primvar: String,
+    /// How many tiles there are for a unit of s and of t, above 0.
+    pub repeats: Vec2,
+    /// How high above the surface a z of 1 is, in units of the surface's points; above 0.
+    pub height: f32,
 }
 
 /// A primvar that was left out.

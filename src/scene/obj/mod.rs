@@ -312,6 +312,7 @@ impl Reader {
             materials,
             double_sided: true,
             unusable_primvars: Vec::new(),
+            tiles: None,
         });
         Ok(description)
     }

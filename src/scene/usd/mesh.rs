@@ -80,6 +80,7 @@ impl Reader {
                             double_sided: (self.truth(prim, "doubleSided"))
                                 .unwrap_or_else(|| self.type_name(prim) == "Plane"),
                             unusable_primvars,
+                            tiles: None,
                         });
                         Some(self.shapes.len() - 1)
                     }
