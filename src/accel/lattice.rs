@@ -197,6 +197,14 @@ impl LatticeRay {
         }
     }
 
+    /// Meets boxes that are larger by so many steps along each axis.
+    #[inline(always)]
+    pub(super) fn widen(&mut self, by: [f32; 3]) {
+        for (slack, by) in self.slack.iter_mut().zip(by) {
+            *slack += by.copysign(*slack);
+        }
+    }
+
     /// Ends the interval at the ray's own `t`.
     #[inline(always)]
     pub(super) fn end(&mut self, t: f32) {

@@ -9,6 +9,7 @@ mod face;
 mod lattice;
 mod moment;
 mod nonlinear;
+mod prism;
 mod quads;
 mod simd;
 mod stored;
@@ -17,6 +18,7 @@ mod stored_tests;
 mod tessellated;
 #[cfg(test)]
 pub(crate) mod tests;
+mod tiled;
 mod top;
 mod traversal;
 mod triangle;
@@ -33,6 +35,7 @@ pub use nonlinear::Nonlinear;
 pub use segments::Cache;
 pub use stored::{Keep, Stored};
 pub use tessellated::Tessellated;
+pub use tiled::{Copies, Tiled};
 pub use trimmed::Trimmed;
 
 /// A way to meet rays with one displaced surface. Shared by all render threads.

@@ -121,26 +121,27 @@ impl Prepared {
             )
         };
         budget.ask(method.need(&counts).peak(), &what())?;
-        let (geometry, numbering, mut bytes, error) = if method == Method::EmbreeSubdivision {
-            let (geometry, base) = object.embree_subdivision(rates, device)?;
-            (geometry, Numbering::Embrees(base), 0, None)
-        } else {
-            let how = How {
-                max_error: self.max_error,
-                cache,
-                go_on: &|_| budget.is_kept(),
-                keep: None,
+        let (geometry, numbering, mut bytes, error) =
+            if method == Method::EmbreeSubdivision && object.surface.tiles().is_none() {
+                let (geometry, base) = object.embree_subdivision(rates, device)?;
+                (geometry, Numbering::Embrees(base), 0, None)
+            } else {
+                let how = How {
+                    max_error: self.max_error,
+                    cache,
+                    go_on: &|_| budget.is_kept(),
+                    keep: None,
+                };
+                let built = match method.build(&object.surface, rates, device, how) {
+                    Err(Error::Interrupted) => {
+                        return Err(budget.exceeded(format!("{} take more", what())));
+                    }
+                    built => built?,
+                };
+                let error = built.error();
+                let numbering = Numbering::Ours(built.places);
+                (built.geometry, numbering, built.bytes, error)
             };
-            let built = match method.build(&object.surface, rates, device, how) {
-                Err(Error::Interrupted) => {
-                    return Err(budget.exceeded(format!("{} take more", what())));
-                }
-                built => built?,
-            };
-            let error = built.error();
-            let numbering = Numbering::Ours(built.places);
-            (built.geometry, numbering, built.bytes, error)
-        };
         bytes += geometry.memory();
         let mut builder = SceneBuilder::new(device, method.scene_options())?;
         builder.attach(geometry);
@@ -254,7 +255,7 @@ pub(super) fn bounced(
     let mut bytes = 0;
     let mut builder = SceneBuilder::new(device, choice.scene_options())?;
     for ((prepared, method), traced) in prepared.iter().zip(methods).zip(traced) {
-        let scene = if method.is_diced() {
+        let scene = if method.is_diced() && prepared.object.surface.tiles().is_none() {
             let traced = prepared.build(*method, &prepared.coarser(times), device, cache)?;
             bytes += traced.bytes;
             traced.scene

@@ -16,6 +16,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use super::adjacency::Adjacency;
 use super::base::{Base, LimitPoint, Texcoord};
 use super::displace::{Amount, Displacement, DisplacementPoint, Slope, Space};
+use super::tiles::Tiles;
 use crate::error::Warnings;
 use crate::math::{DVec3, Vec2, Vec3};
 
@@ -23,6 +24,7 @@ use crate::math::{DVec3, Vec2, Vec3};
 pub struct Surface {
     base: Arc<dyn Base>,
     displacement: Displacement,
+    tiles: Option<Arc<Tiles>>,
     pub(super) adjacency: Adjacency,
     /// -1 where `du × dv` points to the back.
     pub(super) front: f32,
@@ -65,9 +67,25 @@ impl Surface {
             has_texcoords: base.faces() > 0 && base.texcoord(0, Vec2::ZERO).is_some(),
             base,
             displacement,
+            tiles: None,
             non_finite: AtomicU64::new(0),
             degenerate: AtomicU64::new(0),
         }
+    }
+
+    /// The same with tiles of geometry over it, which are seen in its place. Points and normals of the surface are what
+    /// they were.
+    #[must_use]
+    pub fn under(self, tiles: Arc<Tiles>) -> Self {
+        Self {
+            tiles: Some(tiles),
+            ..self
+        }
+    }
+
+    /// What stands over it and is seen in its place, if anything does.
+    pub fn tiles(&self) -> Option<&Arc<Tiles>> {
+        self.tiles.as_ref()
     }
 
     /// The same limit surface, displaced in another way.

@@ -23,6 +23,7 @@ mod subdivided;
 mod subdivision;
 #[cfg(test)]
 pub(crate) mod tests;
+mod tiles;
 
 pub use base::{
     Base, Carrier, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect, edge_uv,
@@ -43,3 +44,4 @@ pub use rates::{Dicing, MOST_SEGMENTS, Places, Rates, View};
 pub use shared::{Scratch, SharedSamples};
 pub use shell::{Shell, ShellError, ShellPoint, ShellTolerance, Torn};
 pub use subdivision::Subdivision;
+pub use tiles::Tiles;

@@ -7,6 +7,7 @@
 
 use super::device::Device;
 use super::geometry::{Geometry, Grid, Handle, Kind};
+use crate::accel::Copies;
 use crate::error::{Error, Result};
 use crate::math::Vec2;
 use crate::memory::room_for;
@@ -51,6 +52,19 @@ impl Geometry {
             .collect();
         let handle = Self::grid_handle(device, &grids, diced.positions())?;
         Ok(Self::of_diced(handle, diced))
+    }
+
+    /// The triangles of all tiles of a surface.
+    ///
+    /// # Errors
+    /// If memory runs out.
+    pub fn copies(device: &Device, copies: &Copies) -> Result<Self> {
+        let handle = Self::triangle_handle(device, &copies.triangles, &copies.positions)?;
+        Ok(Self::from_parts(
+            handle,
+            Kind::Diced,
+            copies.positions.len(),
+        ))
     }
 
     /// Embree has copies of all that it needs: nothing is kept beside it.

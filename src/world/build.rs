@@ -456,6 +456,8 @@ pub(super) fn needed_primvars(
             }
         }
     }
+    let tiles = shape.tiles.as_ref().map(|tiles| tiles.primvar.clone());
+    needs.extend(tiles.filter(|name| shape.geometry.primvar(name).is_some()));
     needs.sort();
     needs.dedup();
     Ok(needs)

@@ -6,6 +6,7 @@
 //! bits that a vertex takes at most. So they are rather too large: by a tenth for Embree's, and up to twice for ours.
 
 use super::method::Method;
+use crate::accel::Tiled;
 use crate::surface::{Displacement, Rates, Surface};
 
 /// What a surface is diced into.
@@ -29,6 +30,9 @@ pub struct Counts {
     in_quads: u64,
     /// Vertices whose heights are kept where they are not looked up in an image as it is.
     asked_once: u64,
+    /// Bytes of prisms and tile where tiles of geometry are over it, which then is not diced; their triangles are counted as
+    /// its micro-triangles.
+    tiled: Option<u64>,
 }
 
 /// What quads take of a face at most, in micro-quads' shares: 128 x 128 of five each.
@@ -69,6 +73,11 @@ impl Counts {
             keys: base.keys().into(),
             ..Self::default()
         };
+        if let Some(tiles) = surface.tiles() {
+            counts.micro_triangles = tiles.count_over(base);
+            counts.tiled = Some(Tiled::expected_bytes(surface, tiles));
+            return counts;
+        }
         let is_asked = match surface.displacement() {
             Displacement::None => false,
             Displacement::Scalar(amount) | Displacement::Vector(amount, _) => {
@@ -115,6 +124,7 @@ impl Counts {
             of_40: parts(40),
             in_quads: quads,
             asked_once: 0,
+            tiled: None,
         }
     }
 }
@@ -125,6 +135,16 @@ impl Method {
     pub fn need(self, counts: &Counts) -> Need {
         let Counts { keys, faces, .. } = *counts;
         let triangles = counts.micro_triangles;
+        if let Some(tiled) = counts.tiled {
+            // Copies share vertices, but not where prisms end: two for three triangles, of 20 bytes, of which Embree has a
+            // copy as of the indices.
+            let copied = if self.copies_tiles() { triangles } else { 0 };
+            return Need {
+                held: tiled + copied * (36 + 76 * keys),
+                dicing: tiled + copied * (26 + 16 * keys),
+                commit: 28 * keys * copied,
+            };
+        }
         let points = 12 * counts.micro_vertices * keys;
         let shared = 12 * (counts.on_edges + faces) * keys;
         // Numbers of faces, their sizes, and where their vertices are, as hits tell of them.

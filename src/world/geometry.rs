@@ -94,7 +94,8 @@ impl Maker<'_> {
             &smooth.surface,
             smooth.digest.as_deref().unwrap_or_default(),
         );
-        let bounces = self.options.bounce_dicing.filter(|_| method.is_diced());
+        let is_diced = method.is_diced() && surface.tiles().is_none();
+        let bounces = self.options.bounce_dicing.filter(|_| is_diced);
         // Progress goes by time, about.
         let share = self.share;
         let middle = match bounces {
@@ -103,12 +104,14 @@ impl Maker<'_> {
         };
         self.share = [share[0], middle];
         let traced = match (&self.source, &smooth.rates) {
-            (Source::Stored(store), _) => {
+            (Source::Stored(store), None) => {
                 let sections = store.object(wanted.path, digest)?;
                 method.stored(surface, self.device, &sections)?
             }
             (_, Some(rates)) => self.build(surface, rates, method, (wanted, digest))?,
-            (_, None) => unreachable!("rates are known of all that is not stored"),
+            (Source::Built | Source::Recorded(_), None) => {
+                unreachable!("rates are known of all that is not stored")
+            }
         };
         if let Some(accuracy) = &traced.accuracy {
             notice(accuracy, wanted.path, warnings);

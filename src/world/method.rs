@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use crate::accel::{
-    Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Dbvh, DbvhOptions,
-    Intersector, Keep, MaxError, Nonlinear, Stored, Tessellated, Trimmed,
+    Accuracy, Cache, CacheSize, Cached, Compact, CompactOptions, Compressed, Copies, Dbvh,
+    DbvhOptions, Intersector, Keep, MaxError, Nonlinear, Stored, Tessellated, Tiled, Trimmed,
 };
 use crate::error::Result;
 use crate::math::Vec2;
 use crate::stats::AchievedError;
 use crate::store::Sections;
-use crate::surface::{Diced, Grids, Rates, Surface};
+use crate::surface::{Diced, Grids, Rates, Surface, Tiles};
 use crate::trace::{
     Device, Geometry, SceneHit, SceneOptions, caught, diced_grid_uv, diced_triangle_uv,
 };
@@ -136,6 +136,10 @@ pub enum HitPlaces {
     OfHit,
     /// The hit has some that are near: it stands for a piece of the surface.
     NearHit,
+    /// The hit has those of the place below it: what was met stands over the surface.
+    BelowHit,
+    /// The same, and the hit's primitive is one of these triangles.
+    BelowCopies(Arc<Copies>),
 }
 
 impl Method {
@@ -285,6 +289,9 @@ impl Method {
         device: &Device,
         how: How<'_>,
     ) -> Result<TracedSurface> {
+        if let Some(tiles) = surface.tiles() {
+            return self.tiled(surface, tiles, device, how.go_on);
+        }
         let (mut accuracy, mut thick) = (None, None);
         let diced = || Diced::watched(surface, rates, how.go_on).map(Arc::new);
         let (geometry, places, bytes) = match self {
@@ -352,6 +359,42 @@ impl Method {
     }
 }
 
+impl Method {
+    /// Whether what stands over a surface, tile by tile, is copied into Embree for each of them, and not traced by bent rays.
+    pub fn copies_tiles(self) -> bool {
+        matches!(self, Self::EmbreeTriangles | Self::EmbreeSubdivision)
+    }
+
+    /// What stands over a surface.
+    fn tiled(
+        self,
+        surface: &Arc<Surface>,
+        tiles: &Arc<Tiles>,
+        device: &Device,
+        go_on: &dyn Fn(f64) -> bool,
+    ) -> Result<TracedSurface> {
+        let tiled = Tiled::build(surface, tiles, go_on)?;
+        let (geometry, places, bytes) = if self.copies_tiles() {
+            let mut copies = tiled.copies()?;
+            let geometry = Geometry::copies(device, &copies)?;
+            // Embree has its own.
+            copies.positions = Vec::new();
+            let bytes = copies.memory();
+            (geometry, HitPlaces::BelowCopies(Arc::new(copies)), bytes)
+        } else {
+            let (geometry, _, bytes) = of_hit(tiled, surface, device)?;
+            (geometry, HitPlaces::BelowHit, bytes)
+        };
+        Ok(TracedSurface {
+            geometry: places.trimmed(geometry, surface),
+            places,
+            bytes,
+            accuracy: None,
+            thick: None,
+        })
+    }
+}
+
 /// A method of our own on what is kept of a surface.
 fn of_hit<I: Intersector + 'static>(
     method: I,
@@ -386,8 +429,14 @@ impl HitPlaces {
         match self {
             Self::Triangles(grids) => diced_triangle_uv(grids, hit.primitive, hit.uv),
             Self::Grids(grids) => diced_grid_uv(grids, hit.primitive, hit.uv),
-            Self::OfHit | Self::NearHit => (hit.face, hit.uv),
+            Self::OfHit | Self::NearHit | Self::BelowHit => (hit.face, hit.uv),
+            Self::BelowCopies(copies) => copies.face_uv(hit.primitive, hit.uv),
         }
+    }
+
+    /// Whether what was hit stands over the surface, and not on it.
+    pub fn are_below(&self) -> bool {
+        matches!(self, Self::BelowHit | Self::BelowCopies(_))
     }
 
     /// Embree's geometry of a surface with only the hits that are on its kept part.
@@ -408,7 +457,13 @@ impl HitPlaces {
                         is_kept(diced_grid_uv(&grids, primitive, uv))
                     }));
                 }
-                Self::OfHit | Self::NearHit => {}
+                Self::BelowCopies(copies) => {
+                    let copies = copies.clone();
+                    geometry.filter(Arc::new(move |primitive, uv| {
+                        is_kept(copies.face_uv(primitive, uv))
+                    }));
+                }
+                Self::OfHit | Self::NearHit | Self::BelowHit => {}
             }
         }
         geometry

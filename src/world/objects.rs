@@ -4,12 +4,12 @@ use std::sync::Arc;
 
 use super::build::{BuildOptions, displacement_of, name_shape, single};
 use super::displacement::{Heights, by_callback, coordinates};
-use super::prepare::limit_surface;
+use super::prepare::{limit_surface, over, tiles_over_polygons};
 use super::textures::Textures;
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{Affine3A, Bounds3, Vec3};
 use crate::memory::Budget;
-use crate::mesh::ControlMesh;
+use crate::mesh::{ControlMesh, Scheme};
 use crate::scene::{self, Description};
 use crate::shade::material::Material;
 use crate::surface::{Carrier, Displacement, Patch, Rates, Subdivision, Surface};
@@ -78,9 +78,17 @@ pub fn objects(
         }
         let height = number.map(|m| &description.materials[m].surface.displacement);
         let names: Vec<&str> = needs.iter().map(String::as_str).collect();
-        let st = height.and_then(coordinates);
+        let tiles = shape.tiles.as_ref();
+        let st = match tiles {
+            Some(tiles) => Some(tiles.primvar.as_str()),
+            None => height.and_then(coordinates),
+        };
+        let names: Vec<&str> = names.into_iter().chain(tiles.and(st)).collect();
         let (carrier, bounds, cage): (Arc<dyn Carrier>, _, _) = match &shape.geometry {
             scene::Geometry::Mesh(mesh) => {
+                if tiles.is_some() && mesh.scheme == Scheme::None {
+                    return Err(name_shape(tiles_over_polygons().into(), description, shape));
+                }
                 budget.ask(limit_surface(mesh), &shape.path)?;
                 let base = Arc::new(Subdivision::carrying(mesh, &names, st));
                 let cage = Cage {
@@ -99,16 +107,21 @@ pub fn objects(
                 (Arc::new(base), patch.bounds(), None)
             }
         };
+        let height = height.filter(|_| tiles.is_none());
         let displacement = height.map_or(Displacement::None, |height| {
             heights.displacement(height, &carrier)
         });
+        let surface = Surface::new(carrier, displacement);
         objects.push(Object {
             path: shape.path.clone(),
             world_from_object: places
                 .iter()
                 .map(|&p| single(&description.placements[p as usize].world_from_object[0]))
                 .collect(),
-            surface: Arc::new(Surface::new(carrier, displacement)),
+            surface: Arc::new(match tiles {
+                Some(tiles) => surface.under(over(tiles)),
+                None => surface,
+            }),
             bounds,
             cage,
         });

@@ -10,14 +10,16 @@ use super::method::{Choice, Method};
 use super::patch;
 use super::stored::{self, Cage, Source};
 use super::textures::Textures;
-use crate::error::{Result, Warnings};
+use crate::error::{Fault, Result, Warnings};
 use crate::math::{Affine3A, Bounds3};
 use crate::memory::Budget;
-use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule};
+use crate::mesh::{ControlMesh, CreaseMethod, NurbsPatch, Scheme, TriangleRule, triangulate};
 use crate::scene::{self, Description, Input};
 use crate::shade::camera::Camera;
 use crate::shade::material::Material;
-use crate::surface::{Carrier, Dicing, Displacement, Patch, Places, Rates, Subdivision, Surface};
+use crate::surface::{
+    Carrier, Dicing, Displacement, Patch, Places, Rates, Subdivision, Surface, Tiles,
+};
 use crate::trace::check_limits;
 
 /// What displaces a shape.
@@ -36,6 +38,8 @@ pub(super) struct Wanted<'a> {
     pub(super) displaced: Option<Displaced<'a>>,
     /// The prim.
     pub(super) path: &'a str,
+    /// What is seen in the surface's place, and the primvar with its texture coordinates.
+    pub(super) tiles: Option<(Arc<Tiles>, &'a str)>,
 }
 
 /// A shape that is ready to be built.
@@ -162,6 +166,7 @@ impl<'a> Preparer<'a> {
                 material: &self.materials[m],
             }),
             path: &shape.path,
+            tiles: (shape.tiles.as_ref()).map(|t| (over(t), t.primvar.as_str())),
         };
         let form = match (&shape.geometry, &in_world) {
             (scene::Geometry::Mesh(mesh), None) => {
@@ -197,6 +202,9 @@ impl<'a> Preparer<'a> {
         warnings: &mut Warnings,
     ) -> Result<Form<'a>> {
         if mesh.scheme == Scheme::None {
+            if wanted.tiles.is_some() {
+                return Err(tiles_over_polygons().into());
+            }
             if wanted.displaced.is_some() {
                 warnings.add("displacement of polygons", || {
                     format!(
@@ -209,22 +217,24 @@ impl<'a> Preparer<'a> {
         }
         self.budget.ask(limit_surface(&mesh), wanted.path)?;
         let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
-        let st = wanted.displaced.and_then(|d| coordinates(d.height));
+        let st = wanted.coordinates();
         let base = Arc::new(Subdivision::carrying(&mesh, &names, st));
         let embree = match self.options.method {
-            Choice::One(Method::EmbreeSubdivision) => match embree_differs(&mesh) {
-                None => Some(base.clone()),
-                Some(reason) => {
-                    warnings.add(format!("not in Embree: {reason}"), || {
-                        format!(
-                            "{}: {reason}; it is traced as {}",
-                            wanted.path,
-                            Method::EmbreeTriangles.name()
-                        )
-                    });
-                    None
+            Choice::One(Method::EmbreeSubdivision) if wanted.tiles.is_none() => {
+                match embree_differs(&mesh) {
+                    None => Some(base.clone()),
+                    Some(reason) => {
+                        warnings.add(format!("not in Embree: {reason}"), || {
+                            format!(
+                                "{}: {reason}; it is traced as {}",
+                                wanted.path,
+                                Method::EmbreeTriangles.name()
+                            )
+                        });
+                        None
+                    }
                 }
-            },
+            }
             Choice::One(_) | Choice::Auto => None,
         };
         let bounds = Bounds3::of(mesh.used_points());
@@ -244,7 +254,7 @@ impl<'a> Preparer<'a> {
         warnings: &mut Warnings,
     ) -> Result<Form<'a>> {
         let names: Vec<&str> = wanted.needs.iter().map(String::as_str).collect();
-        let st = wanted.displaced.and_then(|d| coordinates(d.height));
+        let st = wanted.coordinates();
         let base = Patch::new(&nurbs, &names, st)?;
         patch::notice(&nurbs, &base, wanted.path, warnings);
         let stands = Places::nearest(self.camera, &nurbs.bounds(), stands);
@@ -262,10 +272,24 @@ impl<'a> Preparer<'a> {
         source: &Source<'_>,
         warnings: &mut Warnings,
     ) -> Smooth<'a> {
-        let displacement = wanted.displaced.map_or(Displacement::None, |displaced| {
-            self.heights.displacement(displaced.height, &carrier)
+        let displacement = match (wanted.displaced, &wanted.tiles) {
+            (None, _) => Displacement::None,
+            (Some(displaced), None) => self.heights.displacement(displaced.height, &carrier),
+            (Some(_), Some(_)) => {
+                warnings.add("displacement under tiles", || {
+                    format!(
+                        "{}: displacement of a surface under tiles of geometry is left out",
+                        wanted.path
+                    )
+                });
+                Displacement::None
+            }
+        };
+        let surface = Surface::new(carrier.clone(), displacement);
+        let surface = Arc::new(match &wanted.tiles {
+            Some((tiles, _)) => surface.under(tiles.clone()),
+            None => surface,
         });
-        let surface = Arc::new(Surface::new(carrier.clone(), displacement));
         let digest = match (source, self.options.method) {
             (Source::Built, _) | (_, Choice::Auto) => None,
             (Source::Recorded(_) | Source::Stored(_), Choice::One(method)) => {
@@ -281,7 +305,9 @@ impl<'a> Preparer<'a> {
                 ))
             }
         };
-        let rates = (!matches!(source, Source::Stored(_))).then(|| {
+        // Tiles are not stored.
+        let is_stored = matches!(source, Source::Stored(_)) && wanted.tiles.is_none();
+        let rates = (!is_stored).then(|| {
             let rates = Rates::on_screen(&surface, &stands, &self.options.dicing);
             surface.report(wanted.path, warnings);
             rates
@@ -296,6 +322,39 @@ impl<'a> Preparer<'a> {
             embree: None,
         }
     }
+}
+
+impl<'a> Wanted<'a> {
+    /// The primvar with the texture coordinates that the surface itself needs.
+    fn coordinates(&self) -> Option<&'a str> {
+        match &self.tiles {
+            Some((_, primvar)) => Some(primvar),
+            None => self.displaced.and_then(|d| coordinates(d.height)),
+        }
+    }
+}
+
+/// Prisms need normals that are alike where faces meet.
+pub(super) fn tiles_over_polygons() -> Fault {
+    Fault::new(
+        "tiles of geometry stand over subdivision surfaces and patches, and this is a polygon mesh",
+    )
+    .advise("author a subdivisionScheme: bilinear keeps its facets")
+}
+
+/// What stands over a surface, ready to be traced.
+pub(super) fn over(tiles: &scene::Tiles) -> Arc<Tiles> {
+    let mesh = &tiles.mesh;
+    let index = |corner: u32| mesh.face_vertex_indices[corner as usize];
+    let corners = triangulate(mesh).corners;
+    let triangles = corners.iter().map(|corners| corners.map(index));
+    let points = mesh.points.first().cloned().unwrap_or_default();
+    Arc::new(Tiles::new(
+        points,
+        triangles.collect(),
+        tiles.repeats,
+        tiles.height,
+    ))
 }
 
 impl Prepared<'_> {
@@ -320,7 +379,8 @@ impl Smooth<'_> {
         let Some(rates) = otherwise.as_ref().or(self.rates.as_ref()) else {
             return (Counts::default(), None);
         };
-        let bounced = bounce_dicing.map(|times| {
+        let diced = bounce_dicing.filter(|_| self.surface.tiles().is_none());
+        let bounced = diced.map(|times| {
             let rates = rates.coarser(&self.surface, times);
             Counts::new(&self.surface, &rates)
         });

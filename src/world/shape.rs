@@ -140,7 +140,13 @@ impl Shape {
                     }),
                 }
             }
-            Surface::Smooth(smooth) => smooth.point(place, time),
+            Surface::Smooth(smooth) => {
+                let mut point = smooth.point(place, time);
+                if smooth.places.are_below() {
+                    point.smooth = None;
+                }
+                point
+            }
             Surface::Polygons(polygons) => {
                 let triangle = geometry.surface_point(face, uv, time);
                 Point {

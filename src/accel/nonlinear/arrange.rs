@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::fold::may_fold;
 use super::{Leaf, Nonlinear};
 use crate::accel::lattice::{Extent, Lattice};
+use crate::accel::prism::may_fold;
 use crate::accel::top::Top;
 use crate::math::{Bounds3, DVec3, Vec3};
 

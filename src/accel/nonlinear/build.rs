@@ -10,9 +10,10 @@ use rayon::prelude::*;
 use super::edges::{Edges, between};
 use super::field::{Ranges, Size, ranges};
 use super::meet::{Lines, NEAR, Shifts, shift};
-use super::sheets::{Corner, Corners, Sheets};
+use super::sheets::{Corner, Sheets};
 use super::{Collapsed, Face, Leaf, Nonlinear, piece, weights};
 use crate::accel::lattice::Lattice;
+use crate::accel::prism::Corners;
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Fault, Result};
@@ -119,7 +120,8 @@ impl<'a> Builder<'a> {
         });
         let quads = quads.collect();
         let shared = (0..base.keys()).map(|key| {
-            [surface, &sheets.plain, &sheets.lifted].map(|s| SharedSamples::new(s, &rates, key))
+            [surface, &sheets.base.plain, &sheets.base.lifted]
+                .map(|s| SharedSamples::new(s, &rates, key))
         });
         let shared = shared.collect();
         Self {
@@ -158,7 +160,7 @@ impl<'a> Builder<'a> {
     /// The heights along all edges that faces have, by motion key, each at its samples and in its own direction.
     fn edges(&self) -> Vec<Vec<Vec<f32>>> {
         let numbers: Vec<usize> = {
-            let mut numbers = vec![0; self.sheets.plain.base().faces() as usize];
+            let mut numbers = vec![0; self.sheets.base.plain.base().faces() as usize];
             for (number, grid) in self.grids.iter().enumerate() {
                 numbers[grid.face as usize] = number;
             }
@@ -187,8 +189,8 @@ impl<'a> Builder<'a> {
     ) -> Vec<f32> {
         let surfaces = [
             self.sheets.displaced,
-            &self.sheets.plain,
-            &self.sheets.lifted,
+            &self.sheets.base.plain,
+            &self.sheets.base.lifted,
         ];
         let [displaced, plain, lifted] = [0, 1, 2].map(|s| {
             let walk = self.shared[key][s].walk(surfaces[s], face, k);
@@ -248,8 +250,8 @@ impl<'a> Builder<'a> {
         let [columns, rows] = grid.vertices().map(|n| n as usize);
         let surfaces = [
             self.sheets.displaced,
-            &self.sheets.plain,
-            &self.sheets.lifted,
+            &self.sheets.base.plain,
+            &self.sheets.base.lifted,
         ];
         for ((points, surface), shared) in points.iter_mut().zip(surfaces).zip(&self.shared[key]) {
             points.resize(columns * rows, Vec3::ZERO);
@@ -383,7 +385,7 @@ impl<'a> Builder<'a> {
 
     /// A face, whose heights and ranges begin nowhere yet.
     fn face(&self, number: usize, grid: &FaceGrid) -> Face {
-        let base = self.sheets.plain.base();
+        let base = self.sheets.base.plain.base();
         let side = |k: u8| u8::from(base.is_collapsed(grid.face, k.into())) << k;
         Face {
             face: grid.face,
@@ -410,7 +412,7 @@ impl<'a> Builder<'a> {
         } else {
             (0.0, 0.0)
         };
-        let step = range.max(1e-7 * f64::from(self.sheets.far)) / (f64::from(u16::MAX) - 1.0);
+        let step = range.max(1e-7 * f64::from(self.sheets.base.far)) / (f64::from(u16::MAX) - 1.0);
         let mut rounded = Edges::default();
         for keys in edges {
             let keys = keys.iter().map(|heights| steps(heights, low, step));
@@ -470,7 +472,7 @@ impl<'a> Builder<'a> {
             lattice: Lattice::around(&Bounds3::EMPTY, 0.0),
             reach: 0.0,
             keys: keys as u32,
-            left_handed: self.sheets.plain.base().left_handed(),
+            left_handed: self.sheets.base.plain.base().left_handed(),
             cuts: self.cuts,
             top: Top::default(),
             quads,
@@ -567,7 +569,7 @@ impl<'a> Builder<'a> {
         let count: u64 = all().map(|field| field.heights.len() as u64).sum();
         let largest = all().fold(0.0, |m: f64, field| m.max(field.largest)) + 0.5 * step;
         let squares: f64 = all().map(|field| field.squares).sum();
-        let diagonal = f64::from(self.sheets.far);
+        let diagonal = f64::from(self.sheets.base.far);
         AchievedError {
             max_diagonals: largest / diagonal,
             rms_diagonals: (squares / count.max(1) as f64).sqrt() / diagonal,

@@ -9,7 +9,7 @@
 
 use arrayvec::ArrayVec;
 
-use super::prism::Span;
+use crate::accel::prism::Span;
 use crate::math::quadratic;
 
 /// A quadratic by powers of s, that of the constant first.

@@ -9,8 +9,9 @@
 
 use rayon::prelude::*;
 
-use super::sheets::{Corner, Corners, Sheets};
+use super::sheets::{Corner, Sheets};
 use super::weights;
+use crate::accel::prism::Corners;
 use crate::math::{DVec2, DVec3};
 use crate::surface::{EdgeUse, Surface, edge_uv};
 
@@ -92,7 +93,7 @@ pub(super) struct Lines<'a> {
 
 impl<'a> Lines<'a> {
     pub(super) fn new(sheets: &'a Sheets<'a>) -> Self {
-        let base = sheets.plain.base();
+        let base = sheets.base.plain.base();
         let mut edges: Vec<Vec<(u32, u32, bool)>> = Vec::new();
         for face in (0..base.faces()).filter(|&face| !base.is_hole(face)) {
             for k in 0..4 {
@@ -135,7 +136,7 @@ impl<'a> Lines<'a> {
     /// Whether parameters would be shifted by much else than a quadratic over each triangle, were faces cut into so many quads
     /// along each edge, whose corners are given.
     pub(super) fn bend(&self, cuts: u32, corners: &[Corners]) -> bool {
-        let base = self.sheets.plain.base();
+        let base = self.sheets.base.plain.base();
         let faces: Vec<u32> = (0..base.faces())
             .filter(|&face| !base.is_hole(face))
             .collect();
@@ -143,7 +144,7 @@ impl<'a> Lines<'a> {
         let side = cuts as usize;
         let quads = faces.len() * side * side;
         let every = quads.div_ceil(MOST_PROBED).max(1);
-        let most = MOST_MISSED * f64::from(self.sheets.far);
+        let most = MOST_MISSED * f64::from(self.sheets.base.far);
         let missed = |number: usize, key: usize| {
             let (face, quad) = (number / (side * side), number % (side * side));
             let (i, j) = (quad % side, quad / side);
@@ -243,7 +244,7 @@ impl<'a> Lines<'a> {
         let mut uv = at;
         for _ in 0..3 {
             let within = uv.clamp(DVec2::ZERO, DVec2::ONE);
-            let here = self.sheets.plain.evaluate(face, within.as_vec2(), key);
+            let here = self.sheets.base.plain.evaluate(face, within.as_vec2(), key);
             let point = here.position.as_dvec3() + height * here.normal.as_dvec3();
             match newton(point, [here.du, here.dv].map(|d| d.as_dvec3()), line) {
                 Some(by) => uv = within + by,

@@ -58,11 +58,9 @@ mod build;
 mod curve;
 mod edges;
 mod field;
-mod fold;
 mod lined;
 mod meet;
 mod micro;
-mod prism;
 mod sheets;
 #[cfg(test)]
 mod tests;

@@ -2,10 +2,9 @@
 
 use rayon::prelude::*;
 
-use crate::math::{Bounds3, DVec3, Vec3};
-use crate::surface::{
-    Amount, Diced, Displacement, FaceGrid, Function, Rates, Scratch, SharedSamples, Surface,
-};
+use crate::accel::prism::{Corners, Lifted};
+use crate::math::{DVec3, Vec3};
+use crate::surface::{FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
 /// How far lines over micro-vertices may pass by the displaced limit points of their parameters, in micro-edges, before
 /// faces are cut into more quads.
@@ -23,10 +22,7 @@ const BASE_OUTLIERS: f64 = 0.01;
 /// A surface and what it is made of.
 pub(super) struct Sheets<'a> {
     pub(super) displaced: &'a Surface,
-    pub(super) plain: Surface,
-    /// The limit surface moved along its normals by `far`.
-    pub(super) lifted: Surface,
-    pub(super) far: f32,
+    pub(super) base: Lifted,
 }
 
 /// The most micro-quads along a side of a quad: curves in single precision must tell places on them.
@@ -36,56 +32,23 @@ const MOST_MICRO_QUADS: u32 = 256;
 const LEAST_TRIANGLES: u64 = 500;
 const FEW_QUADS: u64 = 16384;
 
-/// Corners of quads at a motion key: points and unit normals.
-pub(super) type Corners = Vec<[Vec3; 2]>;
-
 impl<'a> Sheets<'a> {
     pub(super) fn new(displaced: &'a Surface) -> Self {
-        let plain = displaced.with_displacement(Displacement::None);
-        let diced = Diced::new(&plain, &Rates::uniform(&plain, 1));
-        let bounds = Bounds3::of(diced.positions().iter().flatten().copied());
-        let size = bounds.extent().length();
-        let far = if size > 0.0 && size.is_finite() {
-            size
-        } else {
-            1.0
-        };
-        let up = Function::scalar(|_| 1.0).bounded(|_| Bounds3::of([Vec3::X]));
-        let lifted = displaced.with_displacement(Displacement::Scalar(Amount {
-            map: std::sync::Arc::new(up),
-            scale: far,
-            bias: 0.0,
-        }));
         Self {
             displaced,
-            plain,
-            lifted,
-            far,
+            base: Lifted::new(displaced),
         }
-    }
-
-    /// All points with their unit normals, at each motion key.
-    fn lifted(&self, rates: &Rates) -> (Vec<FaceGrid>, Vec<Corners>) {
-        let [plain, lifted] = [&self.plain, &self.lifted].map(|s| Diced::new(s, rates));
-        let keys = plain.positions().iter().zip(lifted.positions().iter());
-        let corners = keys
-            .map(|(low, high)| {
-                let pairs = low.iter().zip(high);
-                pairs.map(|(&p, &q)| [p, (q - p) / self.far]).collect()
-            })
-            .collect();
-        (plain.grids().to_vec(), corners)
     }
 
     /// The corners of quads, where faces are cut into so many along each edge.
     pub(super) fn corners(&self, cuts: u32) -> Vec<Corners> {
-        self.lifted(&Rates::uniform(&self.plain, cuts)).1
+        self.base.corners(&Rates::uniform(&self.base.plain, cuts)).1
     }
 
     /// Into how many quads faces are cut along each edge at least, and from when on into no more: quads of two micro-quads along
     /// a side, and of few micro-triangles each, would take more memory than heights do.
     pub(super) fn least_cuts(&self, rates: &Rates) -> (u32, u32) {
-        let base = self.plain.base();
+        let base = self.base.plain.base();
         let faces: Vec<u32> = (0..base.faces())
             .filter(|&face| !base.is_hole(face))
             .collect();
@@ -110,7 +73,7 @@ impl<'a> Sheets<'a> {
     /// The next number of quads along edges: a quarter more, or twice as many where faces have sides that are but a point,
     /// whose micro-quads are a multiple of it.
     pub(super) fn more(&self, cuts: u32) -> u32 {
-        let base = self.plain.base();
+        let base = self.base.plain.base();
         let is_pointed = |face: u32| (0..4).any(|k| base.is_collapsed(face, k));
         if (0..base.faces()).any(is_pointed) {
             2 * cuts
@@ -122,7 +85,7 @@ impl<'a> Sheets<'a> {
     /// Whether micro-vertices would lie too far beside their places, were faces cut into so many quads along each edge.
     pub(super) fn bends(&self, rates: &Rates, cuts: u32) -> bool {
         // Two cells are a quad.
-        let (grids, points) = self.lifted(&Rates::uniform(&self.plain, 2 * cuts));
+        let (grids, points) = (self.base).corners(&Rates::uniform(&self.base.plain, 2 * cuts));
         let shared: Vec<SharedSamples> = (0..points.len() as u32)
             .map(|key| {
                 SharedSamples::new(
@@ -132,7 +95,7 @@ impl<'a> Sheets<'a> {
                 )
             })
             .collect();
-        let most_base = MOST_BASE_ASIDE * f64::from(self.far);
+        let most_base = MOST_BASE_ASIDE * f64::from(self.base.far);
         let counts: Vec<[u64; 3]> = grids
             .par_iter()
             .map_init(Scratch::default, |scratch, grid| {

@@ -15,11 +15,11 @@
 
 use arrayvec::ArrayVec;
 
-use super::prism::{Pole, Span};
+use super::{Pole, Span};
 use crate::math::{DVec3, quadratic};
 
 /// Whether a prism over three corners may fold between two heights.
-pub(super) fn may_fold(corners: [[DVec3; 2]; 3], [low, high]: [f64; 2]) -> bool {
+pub(in crate::accel) fn may_fold(corners: [[DVec3; 2]; 3], [low, high]: [f64; 2]) -> bool {
     let side = |k: usize, height: f64| {
         let [from, to] = [&corners[0], &corners[k]];
         (to[0] - from[0]) + height * (to[1] - from[1])
@@ -107,7 +107,7 @@ fn roots<const N: usize>(polynomial: [f64; N], turns: &[f64]) -> ArrayVec<f64, 4
 }
 
 /// The parts of a span of a prism that folds in which `t` grows, or falls: each from its nearer end to the farther one.
-pub(super) fn unfold(span: &Span, corners: [&Pole; 3], mut parts: impl FnMut(Span)) {
+pub(in crate::accel) fn unfold(span: &Span, corners: [&Pole; 3], mut parts: impl FnMut(Span)) {
     let Some(quartic) = derivative(span, corners) else {
         return parts(*span);
     };

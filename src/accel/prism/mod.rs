@@ -16,14 +16,19 @@
 //! runs along has no d; the ray is turned by a few billionths of a right angle, so that none runs along the axes and planes
 //! that scenes are made of.
 
+mod fold;
+mod lifted;
+
 use arrayvec::ArrayVec;
 
-use super::fold::unfold;
 use crate::math::{DVec3, Ray, quadratic};
+pub(in crate::accel) use fold::may_fold;
+use fold::unfold;
+pub(in crate::accel) use lifted::{Corners, Lifted};
 
 /// A ray that is a point.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sheared {
+pub(in crate::accel) struct Sheared {
     origin: DVec3,
     /// The third axis is the one along which the ray runs most.
     axes: [usize; 3],
@@ -35,25 +40,25 @@ pub(super) struct Sheared {
 
 /// A corner's line.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Pole {
+pub(in crate::accel) struct Pole {
     /// Across the ray twice, then its `t`, at height 0.
-    pub(super) foot: [f64; 3],
+    pub(in crate::accel) foot: [f64; 3],
     /// The same for a step of height.
-    pub(super) rise: [f64; 3],
+    pub(in crate::accel) rise: [f64; 3],
 }
 
 /// A part of a ray within a triangle's prism, from one end to the other: `t` is less there, and grows unless the prism folds.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Span {
+pub(in crate::accel) struct Span {
     /// Heights of the ends.
-    pub(super) heights: [f64; 2],
+    pub(in crate::accel) heights: [f64; 2],
     /// d and the weights of the three corners times d, as Bernstein coefficients from one end to the other; d is positive at
     /// both.
-    pub(super) weights: [[f64; 3]; 3],
+    pub(in crate::accel) weights: [[f64; 3]; 3],
     /// `t` at the ends.
-    pub(super) t: [f64; 2],
+    pub(in crate::accel) t: [f64; 2],
     /// The side that an end is on, if it is on one: the corner opposite.
-    pub(super) sides: [Option<usize>; 2],
+    pub(in crate::accel) sides: [Option<usize>; 2],
 }
 
 /// By how much a ray is turned, and whereto.
@@ -62,7 +67,7 @@ const ASIDE: DVec3 = DVec3::new(0.374_911_8, 0.618_433_7, 0.690_583_1);
 
 impl Sheared {
     #[inline(always)]
-    pub(super) fn new(ray: &Ray) -> Self {
+    pub(in crate::accel) fn new(ray: &Ray) -> Self {
         let d = ray.direction.as_dvec3();
         let d = d + TURN * d.abs().max_element() * ASIDE;
         let z = d.abs().max_position();
@@ -78,7 +83,7 @@ impl Sheared {
 
     /// A corner's line, which starts at `p` and goes on by `n`.
     #[inline(always)]
-    pub(super) fn pole(&self, [p, n]: [DVec3; 2]) -> Pole {
+    pub(in crate::accel) fn pole(&self, [p, n]: [DVec3; 2]) -> Pole {
         let p = p - self.origin;
         Pole {
             foot: self.sheared(p),
@@ -100,21 +105,21 @@ impl Sheared {
 impl Pole {
     /// `t` of the point at a height.
     #[inline(always)]
-    pub(super) fn t(&self, height: f64) -> f64 {
+    pub(in crate::accel) fn t(&self, height: f64) -> f64 {
         self.foot[2] + height * self.rise[2]
     }
 }
 
 /// U of a side, by powers of h, and its Bernstein coefficients between the quad's heights.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Side {
+pub(in crate::accel) struct Side {
     powers: [f64; 3],
     bernstein: [f64; 3],
 }
 
 impl Side {
     #[inline(always)]
-    pub(super) fn new(i: &Pole, j: &Pole, heights: [f64; 2]) -> Self {
+    pub(in crate::accel) fn new(i: &Pole, j: &Pole, heights: [f64; 2]) -> Self {
         let cross = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[1] - a[1] * b[0];
         let mut new = Self {
             powers: [
@@ -130,7 +135,7 @@ impl Side {
 
     /// The same seen from the other side.
     #[inline(always)]
-    pub(super) fn reversed(&self) -> Self {
+    pub(in crate::accel) fn reversed(&self) -> Self {
         Self {
             powers: self.powers.map(|x| -x),
             bernstein: self.bernstein.map(|x| -x),
@@ -166,9 +171,9 @@ const MOST_SPANS: usize = 7;
 const MOST_PARTS: usize = 2 * MOST_SPANS * 5;
 
 /// The parts of a ray in the prisms over a quad that are within the interval that is asked about.
-pub(super) struct Parts {
+pub(in crate::accel) struct Parts {
     /// With the number of the triangle.
-    pub(super) all: ArrayVec<(Span, usize), MOST_PARTS>,
+    pub(in crate::accel) all: ArrayVec<(Span, usize), MOST_PARTS>,
     /// Where each begins; infinity once it was given.
     near: ArrayVec<f64, MOST_PARTS>,
     t: [f64; 2],
@@ -176,7 +181,7 @@ pub(super) struct Parts {
 
 impl Parts {
     #[inline(always)]
-    pub(super) fn new(t: [f32; 2]) -> Self {
+    pub(in crate::accel) fn new(t: [f32; 2]) -> Self {
         Self {
             all: ArrayVec::new(),
             near: ArrayVec::new(),
@@ -185,7 +190,7 @@ impl Parts {
     }
 
     #[inline(always)]
-    pub(super) fn add(&mut self, span: Span, triangle: usize) {
+    pub(in crate::accel) fn add(&mut self, span: Span, triangle: usize) {
         if span.t[1] >= self.t[0] && span.t[0] <= self.t[1] {
             self.near.push(span.t[0]);
             self.all.push((span, triangle));
@@ -194,7 +199,7 @@ impl Parts {
 
     /// The nearest of those that were not given yet, if it begins by `t_max`.
     #[inline(always)]
-    pub(super) fn next(&mut self, t_max: f32) -> Option<&(Span, usize)> {
+    pub(in crate::accel) fn next(&mut self, t_max: f32) -> Option<&(Span, usize)> {
         let mut nearest = (f64::INFINITY, 0);
         for (k, &near) in self.near.iter().enumerate() {
             if near < nearest.0 {
@@ -212,7 +217,7 @@ impl Parts {
 
 /// Finds the parts of the ray between two heights in the prism of a triangle: three corners, and the sides opposite.
 #[inline(always)]
-pub(super) fn find(
+pub(in crate::accel) fn find(
     parts: &mut Parts,
     corners: [&Pole; 3],
     sides: [Side; 3],
@@ -328,7 +333,7 @@ impl Span {
     }
 
     /// The part of it between two places, 0..1 each.
-    pub(super) fn part(&self, [from, to]: [f64; 2], corners: [&Pole; 3]) -> Option<Self> {
+    pub(in crate::accel) fn part(&self, [from, to]: [f64; 2], corners: [&Pole; 3]) -> Option<Self> {
         let [w0, w1, w2] = &self.weights;
         let weights = [[from, from], [from, to], [to, to]].map(|[x, y]| {
             [0, 1, 2].map(|k| {

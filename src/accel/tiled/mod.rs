@@ -1,0 +1,242 @@
+//! Shell mapping: geometry that stands over a surface tile by tile, traced without any copy of it.
+//!
+//! After Ogaki, "Nonlinear Ray Tracing for Displacement and Shell Mapping", SIGGRAPH Asia 2023 conference papers, whose
+//! prisms and bent rays `nonlinear` has, too. Over a triangle of the surface lies a prism, all points P + w N, in which
+//! texture coordinates are linear. A ray is a curve in the space of u, v and w, and passes through tiles there. All of them hold
+//! the same triangles, in one tree: nothing is stored for a tile.
+//!
+//! ```text
+//!   world: a ray, straight              u, v, w: the ray, bent                  a tile, and a chord of the ray
+//!      \  |N  / |   |                   w ^  .'|     |     |     |               ┌───────┐
+//!       \ | .·  |  /                      |.'  |  /\ | /\  | /\  |               │  /\ .·│
+//!      ..·\·    | /                       |  /\|'./  |/  \ |/  \ |               │ /.·\  │   boxes as much larger as
+//!    ······\____|/_  the surface          | /  | \'. |    \|    \|               │.·   \ │   the ray may be off its chord
+//!                                         └────┴───┴'┴─────┴─────> u             └───────┘
+//! ```
+//!
+//! **What is traced.** Faces are cut into quads, all alike, as few as the limit surface's curvature allows
+//! ([`Shell`](crate::surface::Shell), whose error is [`shell`](Tiled::shell)); a quad is two triangles, along its
+//! diagonal. Their corners' limit points and unit normals make the prisms, and texture coordinates are linear over each
+//! triangle. The triangles of the tile are flat in u, v and w. [`Tiled::copies`] is the same geometry as triangles of the world, for who
+//! traces it otherwise: cut where prisms end, and straight where these are bent.
+//!
+//! **Chords.** The paper traces the curve through the boxes of the object's tree, four quadratics a box. Here it is cut into
+//! chords until it is within a hundredth of a tile of them, which a few coefficients tell, and boxes are widened by as much: they are
+//! met as boxes are everywhere else in this program, sixteen at once. The triangles themselves are met by the curve, at the
+//! roots of a cubic, in double precision: what is hit does not depend on how it is cut.
+//!
+//! **Tiles.** What reaches beyond its tile is in the tree again, moved by whole tiles, each time as much as is in the tile.
+//! So a tile has all that is seen in it, tiles are met in the order of the ray, and the first hit is the nearest.
+//!
+//! **Without cracks.** A ray leaves a prism where it enters the next, to the bit, and u and v are the same there unless texture
+//! coordinates have a seam. Along creases prisms lean to the mean of the normals. What reaches beyond a border of the surface is
+//! cut there.
+//!
+//! ```text
+//!   tree over quads     see `top`                                   some 9 bytes a quad
+//!     quad              its face, place and first corner            12 bytes
+//!     corner            P, N; u and v                               24 bytes, at each motion key; 8 bytes
+//!   tile                once: a tree over its triangles             some 17 bytes each, and 36 bytes
+//! ```
+
+mod bent;
+mod build;
+mod copies;
+#[cfg(test)]
+mod tests;
+mod tile;
+mod walk;
+
+use super::lattice::Lattice;
+use super::moment::Moment;
+use super::simd::Isa;
+use super::top::Top;
+use super::traversal::{any, nearest};
+use super::{Hit, Intersector};
+use crate::math::{Bounds3, DVec2, DVec3, Ray, Vec2, Vec3};
+use crate::surface::ShellError;
+pub use copies::Copies;
+use tile::Tile;
+use walk::Met;
+
+/// What may be rounded, in tiles and in their heights: prisms reach so much farther than what stands in them.
+const MARGIN: f64 = 1e-6;
+
+/// A surface of tiles.
+pub struct Tiled {
+    isa: Isa,
+    lattice: Lattice,
+    /// The largest coordinate on the lattice.
+    reach: f32,
+    keys: u32,
+    /// Quads along each edge of a face.
+    cuts: u32,
+    /// The tree over the quads, which are in its order.
+    top: Top,
+    quads: Vec<Quad>,
+    /// Points at w 0 and what leads to those at w 1: face by face, row by row, at each motion key.
+    corners: Vec<[Vec3; 2]>,
+    /// u and v, likewise.
+    uv: Vec<Vec2>,
+    tile: Tile,
+    shell: ShellError,
+}
+
+/// A quad of the surface.
+#[derive(Debug, Clone, Copy)]
+struct Quad {
+    /// The highest bit tells of prisms that may fold.
+    face: u32,
+    /// Column and row among the face's.
+    place: [u16; 2],
+    /// Its first corner; the next one follows it, and the other two a row later.
+    corner: u32,
+}
+
+impl Quad {
+    const FOLDS: u32 = 1 << 31;
+
+    fn face(&self) -> u32 {
+        self.face & !Self::FOLDS
+    }
+
+    #[inline(always)]
+    fn may_fold(&self) -> bool {
+        self.face & Self::FOLDS != 0
+    }
+
+    /// Where the corners of one of its triangles are on it, in the order of [`HALVES`].
+    fn parameters(half: usize) -> [DVec2; 3] {
+        HALVES[half].map(|c| DVec2::new(f64::from(c as u32 & 1), f64::from(c as u32 >> 1)))
+    }
+}
+
+/// The corners of a quad's triangles: at the least u and v, the greater u, the greater v, both.
+const HALVES: [[usize; 3]; 2] = [[0, 1, 2], [3, 2, 1]];
+
+impl Tiled {
+    /// How far the quads are from the limit surface, in units of its points.
+    pub fn shell(&self) -> ShellError {
+        self.shell
+    }
+
+    /// A quad's corners at a moment.
+    #[inline(always)]
+    fn corners(&self, quad: &Quad, moment: &Moment) -> [[DVec3; 2]; 4] {
+        let all = self.corners.len() / self.keys as usize;
+        let first = quad.corner as usize;
+        let row = self.cuts as usize + 1;
+        [
+            self.corner(first, all, moment),
+            self.corner(first + 1, all, moment),
+            self.corner(first + row, all, moment),
+            self.corner(first + row + 1, all, moment),
+        ]
+    }
+
+    #[inline(always)]
+    fn corner(&self, number: usize, all: usize, moment: &Moment) -> [DVec3; 2] {
+        let [p, n] = &self.corners[number + moment.from * all];
+        let from = [p.as_dvec3(), n.as_dvec3()];
+        if moment.from == moment.to {
+            return from;
+        }
+        let [p, n] = &self.corners[number + moment.to * all];
+        let [a, b] = [f64::from(moment.weights[0]), f64::from(moment.weights[1])];
+        [
+            a * from[0] + b * p.as_dvec3(),
+            a * from[1] + b * n.as_dvec3(),
+        ]
+    }
+
+    /// u and v at the corners of both triangles of a quad.
+    #[inline(always)]
+    fn uvs(&self, quad: &Quad) -> [[[f64; 2]; 3]; 2] {
+        let first = quad.corner as usize;
+        let row = self.cuts as usize + 1;
+        let [a, b] = [self.uv(first), self.uv(first + 1)];
+        let [c, d] = [self.uv(first + row), self.uv(first + row + 1)];
+        [[a, b, c], [d, c, b]]
+    }
+
+    #[inline(always)]
+    fn uv(&self, corner: usize) -> [f64; 2] {
+        let uv = self.uv[corner];
+        [uv.x.into(), uv.y.into()]
+    }
+
+    /// The parameters on the face of a place in a quad.
+    fn face_uv(&self, quad: &Quad, at: DVec2) -> Vec2 {
+        let place = DVec2::new(quad.place[0].into(), quad.place[1].into());
+        let uv = (place + at) / f64::from(self.cuts);
+        uv.clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
+    }
+
+    fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {
+        let quad = &self.quads[met.quad as usize];
+        let moment = Moment::new(self.keys, ray.time);
+        let corners = self.corners(quad, &moment);
+        let of_half = HALVES[met.half].map(|c| corners[c]);
+        let at = of_half.map(|[p, n]| p + met.w * n);
+        let (e1, e2) = (at[1] - at[0], at[2] - at[0]);
+        let weighted = |of: [DVec3; 3]| (0..3).map(|k| met.weights[k] * of[k]).sum::<DVec3>();
+        let n = weighted(of_half.map(|[_, n]| n));
+
+        // The triangle's normal in u, v and w, by the triangle's own coordinates, and what the adjugate makes of it.
+        let [a, b, c] = self.tile.corners(self.tile.placed[met.placed as usize]);
+        let own = (b - a).cross(c - a);
+        let [o, p, q] = self.uvs(quad)[met.half].map(DVec2::from);
+        let along = |by: DVec2| own.truncate().dot(by);
+        let (x, y, z) = (along(p - o), along(q - o), own.z);
+        let area = e1.cross(e2);
+        let facing = x * e2.cross(n) + y * n.cross(e1) + z * area;
+        let facing = if area.dot(n) < 0.0 { -facing } else { facing };
+        let largest = facing.abs().max_element();
+        let normal = if largest > 0.0 {
+            facing / largest
+        } else {
+            DVec3::ZERO
+        };
+        // Measured: from the point that whoever reads `t` computes to the one that was found.
+        let gap = ray.at(met.t).as_dvec3() - weighted(at);
+        let place = Quad::parameters(met.half);
+        let place = (0..3).map(|k| met.weights[k] * place[k]).sum();
+        Hit {
+            t: met.t,
+            face: quad.face(),
+            uv: self.face_uv(quad, place),
+            normal: normal.as_vec3(),
+            error: (gap.length() * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
+        }
+    }
+}
+
+impl Intersector for Tiled {
+    fn primitives(&self) -> u32 {
+        1
+    }
+
+    fn keys(&self) -> u32 {
+        self.keys
+    }
+
+    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
+        self.lattice.bounds(&self.top.extent(key as usize))
+    }
+
+    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
+        nearest(&mut &*self, ray)
+    }
+
+    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
+        any(&mut &*self, ray)
+    }
+
+    fn memory(&self) -> usize {
+        self.top.memory()
+            + size_of_val(self.quads.as_slice())
+            + size_of_val(self.corners.as_slice())
+            + size_of_val(self.uv.as_slice())
+            + self.tile.memory()
+    }
+}
