@@ -64,6 +64,10 @@ impl Reader {
                 let own_color = has(names, "primvars:displayColor");
                 let shape = match geometry {
                     Some((geometry, unusable_primvars)) => {
+                        // The prim says which tiles: `key` tells them apart.
+                        let tiles = self
+                            .tiles(prim, names, &geometry, &unusable_primvars)
+                            .map_err(|f| f.in_file(&self.file).at_prim(prim.path().as_str()))?;
                         let subsets = match geometry.mesh() {
                             Some(mesh) => self
                                 .subsets(prim, state, mesh)
@@ -80,7 +84,7 @@ impl Reader {
                             double_sided: (self.truth(prim, "doubleSided"))
                                 .unwrap_or_else(|| self.type_name(prim) == "Plane"),
                             unusable_primvars,
-                            tiles: None,
+                            tiles,
                         });
                         Some(self.shapes.len() - 1)
                     }
@@ -257,7 +261,7 @@ impl Reader {
     }
 
     /// Why a mesh with faces has no points.
-    fn no_points(&self, prim: &Prim) -> Fault {
+    pub(super) fn no_points(&self, prim: &Prim) -> Fault {
         let Some(value) = self.value(prim, "points") else {
             return Fault::new("the mesh has faces and no points")
                 .advise("author point3f[] points");

@@ -18,6 +18,7 @@ mod primvar;
 mod resolver;
 mod settings;
 mod texture;
+mod tiles;
 mod value;
 mod walk;
 

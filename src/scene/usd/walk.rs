@@ -4,6 +4,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
 
 use openusd::sdf;
 use openusd::tf::Token;
@@ -17,7 +18,7 @@ use super::motion::Motion;
 use super::value;
 use crate::error::{Fault, Result, Warnings};
 use crate::math::{DAffine3, DMat4, Vec3};
-use crate::mesh::Primvar;
+use crate::mesh::{ControlMesh, Primvar};
 use crate::scene::{
     Description, LoadOptions, Material, Placement, PtexSource, Purpose, Shape, TextureSource,
 };
@@ -50,6 +51,8 @@ pub(super) struct Reader {
     pub(super) shapes: Vec<Shape>,
     /// Shapes by the prim that defines them.
     pub(super) shape_of: HashMap<String, Vec<super::mesh::Known>>,
+    /// Tiles by the prim that defines them.
+    pub(super) tile_of: HashMap<String, Arc<ControlMesh>>,
     pub(super) materials: Vec<Material>,
     pub(super) material_of: HashMap<String, Option<usize>>,
     pub(super) textures: Vec<TextureSource>,
@@ -130,6 +133,7 @@ impl Reader {
             prefix: 0,
             shapes: Vec::new(),
             shape_of: HashMap::new(),
+            tile_of: HashMap::new(),
             materials: Vec::new(),
             material_of: HashMap::new(),
             textures: Vec::new(),
