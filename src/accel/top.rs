@@ -262,6 +262,15 @@ impl TopNode {
     pub(super) fn child(&self, c: usize) -> Child {
         self.links.child(c)
     }
+
+    /// Which children are patches, as bits, and which patch the first child would be if it were one of them: patches are
+    /// one after the other.
+    #[inline(always)]
+    pub(super) fn patches(&self) -> (u32, i64) {
+        let (nodes, children) = (self.links.nodes, self.links.children);
+        let bits = ((1_u32 << children) - 1) & !((1_u32 << nodes) - 1);
+        (bits, i64::from(self.links.first_patch) - i64::from(nodes))
+    }
 }
 
 impl Links {

@@ -3,7 +3,8 @@
 use std::sync::Arc;
 
 use crate::accel::lattice::{Extent, Lattice};
-use crate::accel::top::Top;
+use crate::accel::simd::{LANES, Lanes};
+use crate::accel::top::{Top, TopNode};
 use crate::math::{Bounds3, DVec3, Vec3};
 use crate::surface::Tiles;
 
@@ -16,6 +17,8 @@ pub(super) struct Tile {
     /// The tree over what is placed, which is in its order.
     pub(super) top: Top,
     pub(super) placed: Vec<Placed>,
+    /// The corners of what is placed, coordinate by coordinate, after and before as many zeros as lanes may reach beyond.
+    corners: [[Vec<f32>; 3]; 3],
     pub(super) tiles: Arc<Tiles>,
 }
 
@@ -27,7 +30,10 @@ pub(super) struct Placed {
 }
 
 /// Tiles that a triangle may reach beyond its own.
-const MOST_SHIFT: f32 = 1000.0;
+const MOST_SHIFT: f32 = 8.0;
+
+/// No coordinate of a triangle that a ray meets is farther from the ray's, and sheared.
+const REACH: f32 = 4.0 * MOST_SHIFT;
 
 impl Tile {
     pub(super) fn new(tiles: &Arc<Tiles>) -> Self {
@@ -69,32 +75,144 @@ impl Tile {
         }
         let reach = (0.5 / lattice.step) + 1.0;
         let (top, order) = Top::new(vec![extents]);
+        let placed: Vec<Placed> = order.iter().map(|&i| placed[i as usize]).collect();
+        let corners = [0, 1, 2].map(|corner| {
+            [0, 1, 2].map(|axis| {
+                let of = |placed: &Placed| corners_of(tiles, *placed)[corner][axis] as f32;
+                let zeros = || std::iter::repeat_n(0.0, LANES);
+                zeros()
+                    .chain(placed.iter().map(of))
+                    .chain(zeros())
+                    .collect()
+            })
+        });
         Self {
             lattice,
             reach,
             top,
-            placed: order.iter().map(|&i| placed[i as usize]).collect(),
+            placed,
+            corners,
             tiles: tiles.clone(),
         }
+    }
+
+    /// Of the children of a node that are triangles, those that a ray may meet that is as far off a straight one as the
+    /// latter is widened, and all others that are given, as bits.
+    #[inline(always)]
+    pub(super) fn passed<L: Lanes>(
+        &self,
+        lanes: L,
+        node: &TopNode,
+        mut met: u32,
+        ray: &Straight,
+    ) -> u32 {
+        let (patches, first) = node.patches();
+        if met & patches == 0 {
+            return met;
+        }
+        let first = (first + LANES as i64) as usize;
+        let mut x = [lanes.floats(0.0); 3];
+        let mut y = x;
+        let [kx, ky, kz] = ray.k;
+        for corner in 0..3 {
+            let of = &self.corners[corner];
+            let z = coordinate(lanes, &of[kz], first, ray.origin[kz]);
+            let from_x = coordinate(lanes, &of[kx], first, ray.origin[kx]);
+            let from_y = coordinate(lanes, &of[ky], first, ray.origin[ky]);
+            x[corner] = lanes.sub(from_x, lanes.mul(z, lanes.floats(ray.shear[0])));
+            y[corner] = lanes.sub(from_y, lanes.mul(z, lanes.floats(ray.shear[1])));
+        }
+        let (off_x, off_y) = (lanes.floats(ray.off[0]), lanes.floats(ray.off[1]));
+        let zero = lanes.floats(0.0);
+        // Coordinates are rounded a few times, and so are products of them.
+        let mut size = zero;
+        for corner in 0..3 {
+            let own = lanes.add(lanes.abs(x[corner]), lanes.abs(y[corner]));
+            size = lanes.max(size, own);
+        }
+        let few = lanes.floats(8.0 * f32::EPSILON);
+        let rounding = lanes.mul(lanes.mul(few, size), lanes.add(size, lanes.floats(REACH)));
+        let (mut before, mut after) = (0, 0);
+        for corner in 0..3 {
+            let next = if corner == 2 { 0 } else { corner + 1 };
+            let value = lanes.sub(lanes.mul(x[corner], y[next]), lanes.mul(y[corner], x[next]));
+            // By how much it may be another where the ray is elsewhere.
+            let by_x = lanes.mul(off_x, lanes.abs(lanes.sub(y[next], y[corner])));
+            let by_y = lanes.mul(off_y, lanes.abs(lanes.sub(x[next], x[corner])));
+            let slack = lanes.add(lanes.add(by_x, by_y), rounding);
+            before |= lanes.less(lanes.add(value, slack), zero);
+            after |= lanes.less(zero, lanes.sub(value, slack));
+        }
+        met &= !patches | !(before & after);
+        met
     }
 
     /// The corners of what is placed, in the coordinates of the tile.
     #[inline(always)]
     pub(super) fn corners(&self, placed: Placed) -> [DVec3; 3] {
-        let [a, b, c] = self.tiles.triangles()[placed.triangle as usize];
-        let points = self.tiles.points();
-        let shift = DVec3::new(placed.shift[0].into(), placed.shift[1].into(), 0.0);
-        [
-            points[a as usize].as_dvec3() + shift,
-            points[b as usize].as_dvec3() + shift,
-            points[c as usize].as_dvec3() + shift,
-        ]
+        corners_of(&self.tiles, placed)
     }
 
     /// Bytes held.
     pub(super) fn memory(&self) -> usize {
         self.top.memory() + size_of_val(self.placed.as_slice()) + self.tiles.memory()
     }
+}
+
+/// A straight ray in a tile, which is a point in a plane: the third of its axes is the one along which it runs most, and the
+/// others are sheared along it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Straight {
+    pub(super) origin: [f32; 3],
+    pub(super) k: [usize; 3],
+    pub(super) shear: [f32; 2],
+    /// How far from it the ray itself may be in that plane.
+    pub(super) off: [f32; 2],
+}
+
+impl Straight {
+    /// From `origin` along `direction`, with `off` axis by axis.
+    #[inline(always)]
+    pub(super) fn new(origin: Vec3, direction: Vec3, off: Vec3) -> Self {
+        let size = direction.abs();
+        let mut k = [1, 2, 0];
+        if size.y > size[k[2]] {
+            k = [2, 0, 1];
+        }
+        if size.z > size[k[2]] {
+            k = [0, 1, 2];
+        }
+        let [x, y, z] = k;
+        let shear = [direction[x] / direction[z], direction[y] / direction[z]];
+        Self {
+            origin: origin.to_array(),
+            k,
+            shear,
+            off: [
+                off[x] + shear[0].abs() * off[z],
+                off[y] + shear[1].abs() * off[z],
+            ],
+        }
+    }
+}
+
+#[inline(always)]
+fn coordinate<L: Lanes>(lanes: L, of: &[f32], first: usize, origin: f32) -> L::Floats {
+    let mut values = [0.0; LANES];
+    values.copy_from_slice(&of[first..first + LANES]);
+    lanes.sub(lanes.load(&values), lanes.floats(origin))
+}
+
+#[inline(always)]
+fn corners_of(tiles: &Tiles, placed: Placed) -> [DVec3; 3] {
+    let [a, b, c] = tiles.triangles()[placed.triangle as usize];
+    let points = tiles.points();
+    let shift = DVec3::new(placed.shift[0].into(), placed.shift[1].into(), 0.0);
+    [
+        points[a as usize].as_dvec3() + shift,
+        points[b as usize].as_dvec3() + shift,
+        points[c as usize].as_dvec3() + shift,
+    ]
 }
 
 /// A half of space over the plane of u and v: where the first two numbers by u and v, plus the third, are not below 0.

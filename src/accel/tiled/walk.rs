@@ -5,12 +5,12 @@ use arrayvec::ArrayVec;
 
 use super::Tiled;
 use super::bent::{Bent, Chord, beyond_root};
-use super::tile::Placed;
+use super::tile::{Placed, Straight};
 use crate::accel::Hit;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::prism::{Parts, Sheared, Side, Span, find};
-use crate::accel::simd::{Isa, Lanes};
+use crate::accel::simd::{Isa, LANES, Lanes};
 use crate::accel::traversal::Traversal;
 use crate::accel::waiting::{Place, Stack, Waiting};
 use crate::math::{DVec3, Ray, first_cubic_root};
@@ -58,7 +58,6 @@ impl Traversal for &Tiled {
         let mut walk = Walk::<ANY> {
             of,
             moment: &moment,
-            still: &Moment::new(1, 0.0),
             sheared: Sheared::new(ray),
             t: [ray.t_min.into(), ray.t_max.into()],
         };
@@ -95,8 +94,6 @@ impl Traversal for &Tiled {
 struct Walk<'a, const ANY: bool> {
     of: &'a Tiled,
     moment: &'a Moment,
-    /// Tiles do not move.
-    still: &'a Moment,
     sheared: Sheared,
     /// What is asked about; it ends at the nearest hit so far.
     t: [f64; 2],
@@ -273,7 +270,9 @@ impl<const ANY: bool> Walk<'_, ANY> {
         };
         let duration = chord.t[1] - chord.t[0];
         let mut on_lattice = LatticeRay::new(&tile.lattice, &ray, tile.reach);
-        on_lattice.widen(chord.off.map(|off| (off / tile.lattice.step()) as f32));
+        let off = DVec3::from(chord.off);
+        on_lattice.widen((off / tile.lattice.step()).as_vec3().to_array());
+        let straight = Straight::new(ray.origin, ray.direction, off.as_vec3());
         let ends_at = |t: f64| ((t - chord.t[0]) / duration - enter) as f32;
         on_lattice.end(ray.t_max.min(ends_at(self.t[1])));
         let mut nearest = None;
@@ -282,8 +281,12 @@ impl<const ANY: bool> Walk<'_, ANY> {
         while let Some(at) = next {
             next = match at.place() {
                 Place::Node(node) => {
-                    let (still, ray) = (self.still, &on_lattice);
-                    (tile.top).enter::<L, false>(lanes, node, still, ray, &mut stack)
+                    let node = tile.top.node(node, 0);
+                    let mut near = [0.0; LANES];
+                    let met = node.boxes.met(lanes, &on_lattice, &mut near);
+                    let met = met & ((1 << node.children()) - 1);
+                    let met = tile.passed(lanes, node, met, &straight);
+                    stack.add(met, |c| Waiting::child(near[c], node.child(c)))
                 }
                 Place::Patch(number) => {
                     let placed = tile.placed[number as usize];
