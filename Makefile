@@ -6,13 +6,15 @@ PACKAGES    := libembree-dev libopenimageio-dev openimageio-tools libclang-dev g
 RELIEVO     := target/release/relievo
 OUT         := out
 
-# What `make scenes` writes: large maps from a seed, one cage by five schemes.
+# What `make scenes` writes: large maps from a seed, one cage by five schemes, shells and their tiles.
 ATLAS_SEAMS := scenes/atlas-seams/made
 SCHEMES     := catmark loop doo-sabin butterfly sqrt3
 MADE        := scenes/relief/made/relief.exr scenes/creature/made/scales.exr \
                scenes/ptex/made/colours.ptx scenes/ptex/made/heights.ptx \
                $(ATLAS_SEAMS)/atlas.usda $(ATLAS_SEAMS)/colours.exr $(ATLAS_SEAMS)/heights.exr \
-               $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg
+               $(SCHEMES:%=scenes/schemes/made/%.usda) scenes/schemes/made/curve.svg \
+               scenes/fur/made/body.usda scenes/fur/made/tile.usda \
+               scenes/mail/made/cloth.usda scenes/mail/made/tile.usda
 
 .PHONY: demo test explore bench plugin scenes fuzz leaks long-bounds budgets deps build lint clean
 
@@ -52,6 +54,12 @@ scenes/relief/made/relief.exr: $(wildcard examples/make_scenes/*.rs)
 
 scenes/creature/made/scales.exr: $(wildcard examples/make_scenes/*.rs)
 	$(MAKE_SCENES) scales $@
+
+scenes/fur/made/%.usda: $(wildcard examples/make_scenes/*.rs)
+	$(MAKE_SCENES) fur $* $@
+
+scenes/mail/made/%.usda: $(wildcard examples/make_scenes/*.rs)
+	$(MAKE_SCENES) mail $* $@
 
 scenes/ptex/made/%.ptx: scenes/ptex/ptex.usda $(wildcard examples/make_scenes/*.rs)
 	$(MAKE_SCENES) gourd $< $* $@

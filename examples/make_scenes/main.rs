@@ -1,15 +1,19 @@
 //! Makes what the scenes need and the repository does not hold: maps from a seed, the creature's cage, the gourd's
-//! Ptex files, and these as images.
+//! Ptex files, and these as images; fur and mail: surfaces and the tiles that cover them.
 //!
 //! `make scenes` runs it: `make_scenes relief OUT.exr`, `make_scenes scales OUT.exr`, `make_scenes tortoise OUT.usda`,
-//! `make_scenes gourd SCENE.usda colours|heights OUT.ptx`, `make_scenes unwrapped SCENE.usda IN.ptx TEXELS MARGIN OUT.exr`.
+//! `make_scenes gourd SCENE.usda colours|heights OUT.ptx`, `make_scenes unwrapped SCENE.usda IN.ptx TEXELS MARGIN OUT.exr`,
+//! `make_scenes fur body|tile OUT.usda`, `make_scenes mail cloth|tile OUT.usda`.
 //! The same arguments give the same bytes.
 
+mod fur;
 mod gourd;
+mod mail;
 mod maps;
 mod noise;
 mod tortoise;
 mod unwrapped;
+mod usd;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -32,9 +36,14 @@ fn main() -> ExitCode {
             _ => return fail(&format!("{size} and {margin} are no numbers of texels"), 2),
         },
         ["tortoise", path] => write_text(path, &tortoise::usda()),
+        ["fur", "body", path] => write_text(path, &fur::body()),
+        ["fur", "tile", path] => write_text(path, &fur::tile()),
+        ["mail", "cloth", path] => write_text(path, &mail::cloth()),
+        ["mail", "tile", path] => write_text(path, &mail::tile()),
         _ => {
             let usage = "usage: make_scenes relief|scales OUT.exr, make_scenes tortoise OUT.usda, \
                          make_scenes gourd SCENE.usda colours|heights OUT.ptx, \
+                         make_scenes fur body|tile OUT.usda, make_scenes mail cloth|tile OUT.usda, \
                          or make_scenes unwrapped SCENE.usda IN.ptx TEXELS MARGIN OUT.exr";
             return fail(usage, 2);
         }
