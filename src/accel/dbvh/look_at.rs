@@ -8,7 +8,7 @@ use super::block::{Block, Quad, Sheet, Single};
 use super::build::at_key;
 use super::face::Patch;
 use super::heights::{Range, Ranges, Reader, Source};
-use super::look_up::range_of_all;
+use super::look_up::{expect, range_of_all};
 use super::part::Part;
 use super::woven::{Net, Woven};
 use crate::accel::simd::{Body, LANES, Lanes};
@@ -159,17 +159,27 @@ impl Body for RangesOf<'_> {
             Some(part) => face.there(part),
             None => 1,
         };
-        for (c, out) in out.iter_mut().enumerate() {
-            if there >> c & 1 == 0 {
-                continue;
-            }
+        // While one block is looked up, what the next one needs is on its way.
+        let mut before: Option<(usize, Block<'_>, Single<'_, L>)> = None;
+        let mut rest = there;
+        while rest != 0 {
+            let c = rest.trailing_zeros() as usize;
+            rest &= rest - 1;
             let at = match &part {
                 Some(part) => part.child(c).at,
                 None => [0; 2],
             };
             let block = Block::new(tree, patch, &face.span(patch, at));
             let sheet = Single::new(lanes, tree, patch, &block, &quad);
-            *out = code(lanes, tree, &reader, &block, &sheet);
+            if let Reader::Image(texels) = &reader {
+                expect(lanes, texels, &sheet, block.pairs());
+            }
+            if let Some((c, block, sheet)) = before.replace((c, block, sheet)) {
+                out[c] = code(lanes, tree, &reader, &block, &sheet);
+            }
+        }
+        if let Some((c, block, sheet)) = before {
+            out[c] = code(lanes, tree, &reader, &block, &sheet);
         }
         out
     }

@@ -101,6 +101,33 @@ pub(super) fn look_up_all<L: Lanes, S: Sheet<L>>(
     }
 }
 
+/// Has the texels brought near that a block's vertices will be looked up in, if the image is larger than what is near anyway.
+#[inline(always)]
+pub(super) fn expect<L: Lanes, S: Sheet<L>>(
+    lanes: L,
+    texels: &Texels<'_>,
+    sheet: &S,
+    pairs: usize,
+) {
+    const NEAR: usize = 1 << 20;
+    if texels.bytes.len() < NEAR {
+        return;
+    }
+    let (s, t) = (sheet.st(lanes, 0), sheet.st(lanes, 1));
+    let one = lanes.ints(1);
+    for pair in 0..pairs {
+        let (x, _, _) = along(lanes, texels, 0, sheet.pair(lanes, s, pair));
+        let (y, _, _) = along(lanes, texels, 1, sheet.pair(lanes, t, pair));
+        let (x, y) = (lanes.to_ints(x), lanes.to_ints(y));
+        let columns = [x, lanes.add_ints(x, one)];
+        let rows = [y, lanes.add_ints(y, one)];
+        // Four neighbours lie in one line of the cache or in two, but for few.
+        let [[at, _], [_, across]] = places(lanes, texels, columns, rows);
+        lanes.prefetch(texels.bytes, at);
+        lanes.prefetch(texels.bytes, across);
+    }
+}
+
 /// Sixteen numbers from some place on.
 #[inline(always)]
 fn at(all: &[f32], first: usize) -> &[f32; LANES] {
