@@ -11,6 +11,7 @@ use std::ptr::{self, NonNull};
 use std::sync::{Arc, Once};
 
 use half::f16;
+use mapped::prefer_large_pages;
 use openimageio_sys as sys;
 
 use super::picture::{Attribute, ChannelFormat};
@@ -205,21 +206,21 @@ impl Input {
                 channels,
                 sys::OIIO_BORDER_UINT8,
                 limit,
-                vec![0_u8; count],
+                zeros(count, 0_u8),
             )?),
             Format::Half => Pixels::Half(self.fill(
                 [part, level],
                 channels,
                 sys::OIIO_BORDER_HALF,
                 limit,
-                vec![f16::ZERO; count],
+                zeros(count, f16::ZERO),
             )?),
             Format::Float => Pixels::Float(self.fill(
                 [part, level],
                 channels,
                 sys::OIIO_BORDER_FLOAT,
                 limit,
-                vec![0_f32; count],
+                zeros(count, 0_f32),
             )?),
         })
     }
@@ -254,6 +255,14 @@ impl Input {
         })?;
         Ok(pixels)
     }
+}
+
+/// So many zeros, in large pages where they are many: textures are looked up here and there.
+fn zeros<T: Clone>(count: usize, zero: T) -> Vec<T> {
+    let mut pixels = Vec::with_capacity(count);
+    prefer_large_pages(pixels.spare_capacity_mut());
+    pixels.resize(count, zero);
+    pixels
 }
 
 impl Drop for Input {

@@ -30,7 +30,7 @@ pub use base::{
 };
 pub use bicubic::Bicubic;
 
-pub use crate::image::{FROM_BYTE, Fold, TexelKind, TexelOrder, Texels};
+pub use crate::image::{FROM_BYTE, Fold, TexelKind, TexelOrder, Texels, Wrap};
 pub use dice::{Diced, FaceGrid, Grids};
 pub use displace::{
     Amount, Displacement, DisplacementMap, DisplacementPoint, Function, MapGrid, Region, Slope,

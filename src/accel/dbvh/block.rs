@@ -11,7 +11,8 @@
 
 use super::Dbvh;
 use super::face::{Corner, Face, NONE, Patch, Span};
-use super::heights::{Reader, of_pair};
+use super::heights::Reader;
+use super::look_up::of_pair;
 use crate::accel::moment::Moment;
 use crate::accel::quads::{PAIRS, SIDE, Sheared};
 use crate::accel::simd::{LANES, Lanes};

@@ -46,6 +46,8 @@ mod edges;
 mod edits;
 mod face;
 mod heights;
+mod look_at;
+mod look_up;
 mod part;
 mod shadows;
 mod source;

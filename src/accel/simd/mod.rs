@@ -97,6 +97,8 @@ pub(super) trait Lanes: Copy {
     /// Four bytes from each offset on, which is not below 0, in the lanes whose bits are set, and zeros in the others; none if
     /// they are not all there.
     fn gather(self, bytes: &[u8], at: Self::Ints, bits: u32) -> Option<Self::Ints>;
+    /// Has the bytes at these offsets brought near, for who gathers them soon. Where there are none nothing happens.
+    fn prefetch(self, bytes: &[u8], at: Self::Ints);
     /// The one in the eight lower lanes, the other in the upper ones.
     fn two(self, low: f32, high: f32) -> Self::Floats;
     /// Two rows of what `a` has for eight rows on one side in its lower half, and on the other side in its upper half:

@@ -168,6 +168,8 @@ impl Lanes for Portable {
         })
     }
     #[inline(always)]
+    fn prefetch(self, _bytes: &[u8], _at: Ints) {}
+    #[inline(always)]
     fn two(self, low: f32, high: f32) -> Floats {
         std::array::from_fn(|i| if i < LANES / 2 { low } else { high })
     }

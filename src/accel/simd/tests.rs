@@ -62,6 +62,7 @@ impl Body for All<'_> {
         let far = lanes.add_ints(at, lanes.ints(i32::MAX - 1000));
         assert!(lanes.gather(self.bytes, far, bits).is_none());
         assert!(lanes.gather(self.bytes, far, 0).is_some());
+        lanes.prefetch(self.bytes, far);
         let more = [
             lanes.abs(a),
             lanes.floor(a),

@@ -11,9 +11,9 @@ macro_rules! op {
 mod avx2;
 mod avx512;
 
-use std::arch::x86_64::{__m128i, _mm_loadl_epi64, _mm_unpacklo_epi64};
+use std::arch::x86_64::{__m128i, _MM_HINT_T0, _mm_loadl_epi64, _mm_prefetch, _mm_unpacklo_epi64};
 
-use super::{Body, FIELD_PADDING, FIELDS, Fields};
+use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES};
 
 /// Exists only while code for AVX2 runs.
 #[derive(Clone, Copy)]
@@ -82,4 +82,14 @@ fn four(values: &[u16], place: usize) -> __m128i {
     let four = &values[place..place + 4];
     // SAFETY: every x86-64 processor has SSE2; 8 bytes are there.
     unsafe { _mm_loadl_epi64(four.as_ptr().cast()) }
+}
+
+/// Asks for what is at these offsets.
+#[inline(always)]
+fn prefetch_all(bytes: &[u8], at: &[i32; LANES]) {
+    for at in at {
+        let at = bytes.as_ptr().wrapping_offset(*at as isize);
+        // SAFETY: every x86-64 processor has SSE; nothing is read, wherever it is.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(at.cast()) };
+    }
 }

@@ -3,6 +3,7 @@
 use std::fs::File;
 use std::io;
 use std::marker::PhantomData;
+use std::mem::MaybeUninit;
 use std::ops::{Deref, DerefMut, Range};
 use std::path::Path;
 use std::ptr::NonNull;
@@ -111,6 +112,28 @@ impl<T: std::fmt::Debug> std::fmt::Debug for Items<T> {
     }
 }
 
+/// Asks the system for large pages where many items that are not written to yet will lie. It is advice: where it is not taken,
+/// or not known, pages are small, and nothing else is different.
+pub fn prefer_large_pages<T>(room: &mut [MaybeUninit<T>]) {
+    #[cfg(target_os = "linux")]
+    {
+        // Of most processors.
+        const PAGE: usize = 2 << 20;
+        let range = room.as_mut_ptr_range();
+        let start = range.start.addr().next_multiple_of(PAGE);
+        let end = range.end.addr() / PAGE * PAGE;
+        if start < end {
+            // SAFETY: these pages are wholly within the room, which is ours alone, and the advice leaves what they hold.
+            unsafe {
+                let first = range.start.byte_add(start - range.start.addr());
+                libc::madvise(first.cast(), end - start, libc::MADV_HUGEPAGE);
+            }
+        }
+    }
+    #[cfg(not(target_os = "linux"))]
+    let _ = room;
+}
+
 /// Very many items that are read here and there: in large pages, where the system has them, so that it finds each at once.
 pub struct Large<T> {
     start: NonNull<T>,
@@ -208,6 +231,16 @@ mod tests {
             assert!(large.iter().zip(0..).all(|(item, i)| *item == i));
         }
         assert!(Large::<u32>::zeros(usize::MAX).is_err());
+    }
+
+    #[test]
+    fn large_pages_hold_what_small_ones_do() {
+        for len in [0, 1, 5_000_000] {
+            let mut items = Vec::with_capacity(len);
+            prefer_large_pages(items.spare_capacity_mut());
+            items.extend(0..len);
+            assert!(items.iter().zip(0..).all(|(item, i)| *item == i));
+        }
     }
 
     #[test]

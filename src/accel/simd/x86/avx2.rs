@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Avx2, four_places, windows};
+use super::{Avx2, four_places, prefetch_all, windows};
 use crate::accel::simd::{FROM_HALF, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 impl Avx2 {
@@ -229,6 +229,16 @@ impl Lanes for Avx2 {
                 _mm256_mask_i32gather_epi32::<1>(zero, from, at[1], set[1]),
             ]
         })
+    }
+    #[inline(always)]
+    fn prefetch(self, bytes: &[u8], at: [__m256i; 2]) {
+        let mut all = [0; LANES];
+        // SAFETY: the token says that the instructions are there; 32 bytes are for each half.
+        unsafe {
+            _mm256_storeu_si256(all.as_mut_ptr().cast(), at[0]);
+            _mm256_storeu_si256(all.as_mut_ptr().add(LANES / 2).cast(), at[1]);
+        }
+        prefetch_all(bytes, &all);
     }
     #[inline(always)]
     fn two(self, low: f32, high: f32) -> [__m256; 2] {

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use super::{Avx512, four_places, windows};
+use super::{Avx512, four_places, prefetch_all, windows};
 use crate::accel::simd::{LANES, Lanes, NARROW_FIELDS, Nibbles};
 
 impl Lanes for Avx512 {
@@ -142,6 +142,13 @@ impl Lanes for Avx512 {
         let zero = op!(_mm512_setzero_si512());
         // SAFETY: the token says that the instructions are there; all four bytes from each offset are whose bit is set.
         Some(unsafe { _mm512_mask_i32gather_epi32::<1>(zero, bits, at, bytes.as_ptr().cast()) })
+    }
+    #[inline(always)]
+    fn prefetch(self, bytes: &[u8], at: __m512i) {
+        let mut all = [0; LANES];
+        // SAFETY: the token says that the instructions are there; 64 bytes are.
+        unsafe { _mm512_storeu_si512(all.as_mut_ptr().cast(), at) };
+        prefetch_all(bytes, &all);
     }
     #[inline(always)]
     fn two(self, low: f32, high: f32) -> __m512 {
