@@ -34,4 +34,5 @@ mod smooth;
 mod stored;
 mod subdiv_oracle;
 mod subdivide;
+mod tiles;
 mod usd_oracle;

@@ -221,7 +221,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
     let prepared = prepare(all, (options.fineness, options.max_error), &|| {
         camera(description, picture_size(description))
     })?;
-    let micro_triangles: u64 = prepared.iter().map(|p| p.rates.micro_triangles()).sum();
+    let micro_triangles: u64 = prepared.iter().map(Prepared::triangles).sum();
 
     let mut methods = options.methods.clone();
     if !methods.contains(&relative_to) {
@@ -400,7 +400,7 @@ fn measure_distances(
     options: &CompareOptions,
     warnings: &mut Warnings,
 ) -> Result<Option<Reference>> {
-    let largest = (prepared.iter().map(|p| p.rates.micro_triangles())).max();
+    let largest = prepared.iter().map(Prepared::triangles).max();
     let Some(finer) = how_much_finer(largest.unwrap_or(0)) else {
         warnings.add("no reference", || {
             "distances are not measured: more finely diced, a surface would have too many micro-triangles"

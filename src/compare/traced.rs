@@ -92,6 +92,20 @@ pub(super) fn methods(choice: Choice, prepared: &[Prepared], budget: &Budget) ->
 }
 
 impl Prepared {
+    /// How many triangles are traced: micro-triangles, or those of the tiles over it.
+    pub(super) fn triangles(&self) -> u64 {
+        let surface = &self.object.surface;
+        match surface.tiles() {
+            Some(tiles) => tiles.count_over(surface.base()),
+            None => self.rates.micro_triangles(),
+        }
+    }
+
+    /// Whether tiles of geometry are seen in the surface's place.
+    pub(super) fn is_tiled(&self) -> bool {
+        self.object.surface.tiles().is_some()
+    }
+
     /// Rates so many times as fine.
     pub(super) fn finer(&self, times: u32) -> Rates {
         Rates::by_edge(&self.object.surface, |edge| times * self.rates.edge(edge))
@@ -255,7 +269,7 @@ pub(super) fn bounced(
     let mut bytes = 0;
     let mut builder = SceneBuilder::new(device, choice.scene_options())?;
     for ((prepared, method), traced) in prepared.iter().zip(methods).zip(traced) {
-        let scene = if method.is_diced() && prepared.object.surface.tiles().is_none() {
+        let scene = if method.is_diced() && !prepared.is_tiled() {
             let traced = prepared.build(*method, &prepared.coarser(times), device, cache)?;
             bytes += traced.bytes;
             traced.scene

@@ -12,6 +12,8 @@
 //! halfway between the points where a ray enters and leaves the reference, wherever that is far from it on all sides, by
 //! more than the method's surface may be off: what is within a fold's width of the surface may well be outside of it.
 //!
+//! What stands over a surface tile by tile is compared with copies of it in Embree's triangles.
+//!
 //! References are micro-triangles as grids, four times as fine along an edge, or less where that would take too much
 //! memory.
 
@@ -26,7 +28,7 @@ use crate::math::{Ray, Vec3};
 use crate::render::{camera, picture_size};
 use crate::scene::Description;
 use crate::surface::Rates;
-use crate::trace::{Device, Scene};
+use crate::trace::{Device, Scene, SceneHit};
 use crate::world::{AchievedError, CacheSize, Choice, Method, objects};
 
 /// Farther apart than this part of the box, two hits are not of one place, and their normals are not compared.
@@ -119,7 +121,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     for (number, prepared) in prepared.iter().enumerate() {
         let device = device(&options.memory_budget)?;
         let none = Method::EmbreeTriangles.cache(options.cache_size);
-        let finer = how_much_finer(prepared.rates.micro_triangles()).unwrap_or_else(|| {
+        let finer = how_much_finer(prepared.triangles()).unwrap_or_else(|| {
             warnings.add("coarse references", || {
                 format!(
                     "{}: compared with surfaces diced alike: more finely diced, they would take too much memory",
@@ -129,8 +131,14 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
             1
         });
         let fine = prepared.finer(finer);
-        let embree = supported(prepared, &fine, &device, &mut warnings)?;
-        let triangles = prepared.build(Method::EmbreeGrid, &fine, &device, &none)?;
+        // Copies of tiles are triangles, and nothing else.
+        let (embree, triangles) = if prepared.is_tiled() {
+            (None, Method::EmbreeTriangles)
+        } else {
+            let embree = supported(prepared, &fine, &device, &mut warnings)?;
+            (embree, Method::EmbreeGrid)
+        };
+        let triangles = prepared.build(triangles, &fine, &device, &none)?;
         for (choice, methods) in &choices {
             let (choice, method) = (*choice, methods[number]);
             if method == Method::EmbreeSubdivision && embree.is_none() {
@@ -142,7 +150,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
             }
             let cache = method.cache(options.cache_size);
             let traced = prepared.build(method, &prepared.rates, &device, &cache)?;
-            let leaks = if prepared.object.surface.is_closed() {
+            let leaks = if prepared.object.surface.is_closed() && !prepared.is_tiled() {
                 leaks(prepared, &traced, &triangles, options.rays)
             } else {
                 0
@@ -255,6 +263,14 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
         return found;
     };
     let (p, place) = (ray.at(hit.t), traced.place(&hit));
+    if prepared.is_tiled() {
+        return over(
+            &mut found,
+            [(&hit, p), (&other, ray.at(other.t))],
+            reference,
+            diagonal,
+        );
+    }
     let normal = traced.smooth(place).normal;
     let probe = (normal != Vec3::ZERO)
         .then(|| reference.probe(p, normal))
@@ -286,6 +302,30 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
         found.degrees = cos.clamp(-1.0, 1.0).acos().to_degrees();
     }
     found
+}
+
+/// What stands over a surface has no smooth surface to ask: the distance is that along the ray, or along the hit's normal.
+fn over(
+    found: &mut Found,
+    [(hit, p), (other, q)]: [(&SceneHit, Vec3); 2],
+    reference: &Traced,
+    diagonal: f32,
+) -> Found {
+    let normal = hit.normal.normalize_or_zero();
+    let probe = (normal != Vec3::ZERO).then(|| reference.probe(p, normal));
+    let (near, met) = match probe.flatten() {
+        Some((distance, met)) if distance < p.distance(q) => (distance, met.normal),
+        _ => (p.distance(q), other.normal),
+    };
+    let distance = f64::from(near / diagonal);
+    found.measured = 1;
+    found.max = distance;
+    found.squares = distance * distance;
+    let cos = f64::from(normal.dot(met.normalize_or_zero()));
+    if near < SAME_PLACE * diagonal && cos > 0.0 {
+        found.degrees = cos.min(1.0).acos().to_degrees();
+    }
+    *found
 }
 
 /// Rays from inside of a closed mesh that meet nothing.

@@ -383,6 +383,7 @@ fn object_stats(prepared: &Prepared<'_>, item: &Item, method: Method) -> ObjectS
         path: prepared.wanted.path.to_owned(),
         method: match prepared.form {
             Form::Polygons(_) => "polygons",
+            Form::Smooth(_) if item.counts.is_tiled() && !method.copies_tiles() => "tiles",
             Form::Smooth(_) => method.name(),
         },
         micro_triangles,

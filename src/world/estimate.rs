@@ -105,6 +105,13 @@ impl Counts {
     }
 }
 
+impl Counts {
+    /// Whether tiles of geometry are seen in the surface's place.
+    pub(super) fn is_tiled(&self) -> bool {
+        self.tiled.is_some()
+    }
+}
+
 #[cfg(test)]
 impl Counts {
     /// Of faces of 32 x 32 quads.

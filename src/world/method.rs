@@ -374,6 +374,7 @@ impl Method {
         go_on: &dyn Fn(f64) -> bool,
     ) -> Result<TracedSurface> {
         let tiled = Tiled::build(surface, tiles, go_on)?;
+        let thick = Some(tiled.achieved());
         let (geometry, places, bytes) = if self.copies_tiles() {
             let mut copies = tiled.copies()?;
             let geometry = Geometry::copies(device, &copies)?;
@@ -390,7 +391,7 @@ impl Method {
             places,
             bytes,
             accuracy: None,
-            thick: None,
+            thick,
         })
     }
 }

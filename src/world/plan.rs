@@ -95,7 +95,11 @@ fn cautious(items: &[Item], methods: &[Method]) -> u64 {
 /// small ones first; and of small ones Embree's grids before `compact`, since there its trees are no smaller. Also the
 /// size of the cache, if any object is in it.
 pub(super) fn choose(items: &[Item], bytes: u64) -> (Vec<Method>, u64) {
-    let all: u64 = items.iter().map(|item| item.counts.micro_triangles).sum();
+    // Tiles are never copied.
+    let diced = |item: &&Item| !item.counts.is_tiled();
+    let all: u64 = (items.iter().filter(diced))
+        .map(|item| item.counts.micro_triangles)
+        .sum();
     let mut methods = vec![Method::Compact; items.len()];
     let fallback = if peak(items, &methods) <= bytes {
         Method::Compact
@@ -110,7 +114,9 @@ pub(super) fn choose(items: &[Item], bytes: u64) -> (Vec<Method>, u64) {
         }
     };
     methods.fill(fallback);
-    let mut order: Vec<usize> = (0..items.len()).collect();
+    let mut order: Vec<usize> = (0..items.len())
+        .filter(|&i| !items[i].counts.is_tiled())
+        .collect();
     order.sort_by_key(|&i| (items[i].counts.micro_triangles, i));
     for i in order {
         let is_small = items[i].counts.micro_triangles < all.div_ceil(SMALL);

@@ -42,7 +42,7 @@
 //! Quads have some 500 micro-triangles on average at least, as far as there are many: more of them would take more than they
 //! gain. Where displacement leans far from the lines and turns back, a line may meet it more than once, or not within 16
 //! micro-edges of where it should: the micro-vertex is then where the line meets the tangent plane of the displaced point that
-//! belongs to its parameters. Also left out is the paper's shell mapping, objects instanced in the shell.
+//! belongs to its parameters.
 //!
 //! The paper walks the texture's own quadtree, in the space of texture coordinates. Here each face has its heights in its own
 //! parameters: that takes a byte a micro-triangle, but anything displaces, images, Ptex files and functions, seams of

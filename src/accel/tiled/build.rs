@@ -17,6 +17,10 @@ use crate::surface::{FaceGrid, Rates, Shell, ShellTolerance, Surface, Tiles};
 /// Quads along an edge of a face at most.
 const MOST_CUTS: u32 = 64;
 
+/// How far prisms may be from those over the limit surface, in diagonals of the object: what stands in them hides it, and each
+/// of them costs a ray as much as some tiles do.
+const DISTANCE: f32 = 4e-4;
+
 /// Tiles that a quad may have along u or v.
 const MOST_TILES: f32 = 65536.0;
 
@@ -31,12 +35,10 @@ impl Tiled {
         tiles: &Arc<Tiles>,
         progress: &dyn Fn(f64) -> bool,
     ) -> Result<Self> {
-        let shell = shell(surface, tiles);
+        let (shell, tolerance) = needed(surface, tiles);
+        let rates = even(surface, &shell);
+        let shell = Shell::new(surface, &rates, &tolerance, |_, most| most);
         go_on(progress(0.5))?;
-        let cuts = shell
-            .grids()
-            .first()
-            .map_or(1, |grid| u32::from(grid.size[0]));
         let [low, high] = tiles.heights();
         let keys = shell.keys();
         let all = shell.st().len();
@@ -47,7 +49,7 @@ impl Tiled {
             });
         }
         let lifted = Lifted::new(surface);
-        let (grids, by_key) = lifted.corners(&Rates::uniform(&lifted.plain, cuts));
+        let (grids, by_key) = lifted.corners(&rates);
         let corners: Vec<[Vec3; 2]> = (by_key.iter().flatten())
             .map(|&[p, n]| [p + low * n, (high - low) * n])
             .collect();
@@ -64,15 +66,13 @@ impl Tiled {
                 places.map(|place| Quad {
                     face: grid.face,
                     place,
+                    size: grid.size,
                     corner: grid.vertex(place[0], place[1]) as u32,
                 })
             })
             .collect();
-        let row = cuts as usize + 1;
-        let of_key = |quad: &Quad, key: usize| {
-            let first = quad.corner as usize + key * all;
-            [first, first + 1, first + row, first + row + 1].map(|c| corners[c])
-        };
+        let of_key =
+            |quad: &Quad, key: usize| quad.numbers().map(|number| corners[number + key * all]);
         let extents: Vec<Vec<Extent>> = (0..keys as usize)
             .map(|key| {
                 (quads.par_iter())
@@ -113,7 +113,6 @@ impl Tiled {
             lattice,
             reach: reach.max().unwrap_or(0) as f32,
             keys,
-            cuts,
             top,
             quads,
             corners,
@@ -126,10 +125,15 @@ impl Tiled {
     /// The bytes that it will hold, a little more.
     pub fn expected_bytes(surface: &Surface, tiles: &Arc<Tiles>) -> u64 {
         let (shell, _) = needed(surface, tiles);
-        let (cuts, faces) = (u64::from(most_cuts(&shell)), shell.grids().len() as u64);
-        let (quads, corners) = (cuts * cuts * faces, (cuts + 1) * (cuts + 1) * faces);
+        let rates = even(surface, &shell);
+        let (mut quads, mut corners) = (0, 0);
+        for grid in shell.grids() {
+            let [u, v] = rates.face(grid.face).map(u64::from);
+            quads += u * v;
+            corners += (u + 1) * (v + 1);
+        }
         let keys = u64::from(shell.keys());
-        quads * (14 + 14 * keys) + corners * (8 + 24 * keys) + Tile::new(tiles).memory() as u64
+        quads * (16 + 14 * keys) + corners * (8 + 24 * keys) + Tile::new(tiles).memory() as u64
     }
 }
 
@@ -144,6 +148,7 @@ fn go_on(does: bool) -> Result<()> {
 /// The quads, with the tolerance that they are to keep.
 fn needed(surface: &Surface, tiles: &Tiles) -> (Shell, ShellTolerance) {
     let tolerance = ShellTolerance {
+        distance: DISTANCE,
         heights: tiles.heights(),
         ..ShellTolerance::default()
     };
@@ -154,17 +159,44 @@ fn needed(surface: &Surface, tiles: &Tiles) -> (Shell, ShellTolerance) {
     )
 }
 
-/// Into how many quads each face is cut along an edge, if each is cut as it needs.
-fn most_cuts(shell: &Shell) -> u32 {
-    let sizes = shell.grids().iter().flat_map(|grid| grid.size);
-    sizes.max().map_or(1, u32::from)
-}
-
-/// The same, as many for each face as the most curved one needs.
-fn shell(surface: &Surface, tiles: &Tiles) -> Shell {
-    let (shell, tolerance) = needed(surface, tiles);
-    let rates = Rates::uniform(surface, most_cuts(&shell));
-    Shell::new(surface, &rates, &tolerance, |_, most| most)
+/// Into how many quads edges are cut: as many as the most curved face needs of those that edges go through from side to opposite
+/// side, so that no face has more quads along an edge than another.
+fn even(surface: &Surface, shell: &Shell) -> Rates {
+    let base = surface.base();
+    let edge = |face: u32, k: u32| base.edge(face, k).edge as usize;
+    let mut sizes = vec![[1; 2]; base.faces() as usize];
+    for grid in shell.grids() {
+        sizes[grid.face as usize] = grid.size;
+    }
+    // The edge that stands for all that are opposite of one another.
+    let mut stands: Vec<usize> = Vec::new();
+    fn find(stands: &mut Vec<usize>, mut edge: usize) -> usize {
+        while stands.len() <= edge {
+            stands.push(stands.len());
+        }
+        while stands[edge] != edge {
+            stands[edge] = stands[stands[edge]];
+            edge = stands[edge];
+        }
+        edge
+    }
+    for face in 0..base.faces() {
+        for k in 0..2 {
+            let [a, b] = [k, k + 2].map(|k| find(&mut stands, edge(face, k)));
+            stands[a.max(b)] = a.min(b);
+        }
+    }
+    let mut cuts = vec![1; stands.len()];
+    for (face, size) in (0..).zip(&sizes) {
+        for k in 0..2 {
+            let all = &mut cuts[find(&mut stands, edge(face, k))];
+            *all = u32::from(size[k as usize]).max(*all);
+        }
+    }
+    let of_edge: Vec<u32> = (0..stands.len())
+        .map(|edge| cuts[find(&mut stands, edge)])
+        .collect();
+    Rates::by_edge(surface, |edge| of_edge[edge as usize])
 }
 
 /// Around the prisms over a quad, which are within the corners' hull.

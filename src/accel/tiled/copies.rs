@@ -107,7 +107,7 @@ impl Tiled {
         // The weight of the corner opposite of a side, by u and v.
         let weight = |a: DVec2, b: DVec2| -> Half {
             let normal = (b - a).perp() / area;
-            [normal.x, normal.y, -normal.dot(a)]
+            Half::new(normal.x, normal.y, 0.0, -normal.dot(a))
         };
         let over = Over {
             of: self,
@@ -175,7 +175,7 @@ struct Over<'a> {
 
 impl Over<'_> {
     fn weights(&self, p: &DVec3) -> [f64; 3] {
-        self.weights.map(|[x, y, z]| x * p.x + y * p.y + z)
+        self.weights.map(|half| p.extend(1.0).dot(half))
     }
 
     fn has(&self, p: &DVec3) -> bool {
@@ -184,10 +184,9 @@ impl Over<'_> {
 
     /// A corner at a motion key.
     fn corner(&self, k: usize, key: usize) -> [DVec3; 2] {
-        let row = self.of.cuts as usize + 1;
         let all = self.of.corners.len() / self.of.keys as usize;
-        let number = [0, 1, row, row + 1][HALVES[self.half][k]];
-        let corner = self.of.corners[self.quad.corner as usize + number + key * all];
+        let number = self.quad.numbers()[HALVES[self.half][k]];
+        let corner = self.of.corners[number + key * all];
         corner.map(|x| x.as_dvec3())
     }
 

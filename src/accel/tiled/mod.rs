@@ -14,8 +14,8 @@
 //!                                         └────┴───┴'┴─────┴─────> u             └───────┘
 //! ```
 //!
-//! **What is traced.** Faces are cut into quads, all alike, as few as the limit surface's curvature allows
-//! ([`Shell`](crate::surface::Shell), whose error is [`shell`](Tiled::shell)); a quad is two triangles, along its
+//! **What is traced.** Faces are cut into quads, as few as the limit surface's curvature allows, and as many on both sides of an edge
+//! ([`Shell`](crate::surface::Shell), whose error is [`achieved`](Tiled::achieved)); a quad is two triangles, along its
 //! diagonal. Their corners' limit points and unit normals make the prisms, and texture coordinates are linear over each
 //! triangle. The triangles of the tile are flat in u, v and w. [`Tiled::copies`] is the same geometry as triangles of the world, for who
 //! traces it otherwise: cut where prisms end, and straight where these are bent.
@@ -34,9 +34,9 @@
 //!
 //! ```text
 //!   tree over quads     see `top`                                   some 9 bytes a quad
-//!     quad              its face, place and first corner            12 bytes
+//!     quad              its face, place and first corner            16 bytes
 //!     corner            P, N; u and v                               24 bytes, at each motion key; 8 bytes
-//!   tile                once: a tree over its triangles             some 17 bytes each, and 36 bytes
+//!   tile                once: its triangles, in pieces              some 55 bytes each, and 30 bytes
 //! ```
 
 mod bent;
@@ -54,6 +54,7 @@ use super::top::Top;
 use super::traversal::{any, nearest};
 use super::{Hit, Intersector};
 use crate::math::{Bounds3, DVec2, DVec3, Ray, Vec2, Vec3};
+use crate::stats::AchievedError;
 use crate::surface::ShellError;
 pub use copies::Copies;
 use tile::Tile;
@@ -69,8 +70,6 @@ pub struct Tiled {
     /// The largest coordinate on the lattice.
     reach: f32,
     keys: u32,
-    /// Quads along each edge of a face.
-    cuts: u32,
     /// The tree over the quads, which are in its order.
     top: Top,
     quads: Vec<Quad>,
@@ -87,8 +86,9 @@ pub struct Tiled {
 struct Quad {
     /// The highest bit tells of prisms that may fold.
     face: u32,
-    /// Column and row among the face's.
+    /// Column and row among the face's, and how many of these there are.
     place: [u16; 2],
+    size: [u16; 2],
     /// Its first corner; the next one follows it, and the other two a row later.
     corner: u32,
 }
@@ -98,6 +98,14 @@ impl Quad {
 
     fn face(&self) -> u32 {
         self.face & !Self::FOLDS
+    }
+
+    /// Its corners' numbers.
+    #[inline(always)]
+    fn numbers(&self) -> [usize; 4] {
+        let first = self.corner as usize;
+        let row = usize::from(self.size[0]) + 1;
+        [first, first + 1, first + row, first + row + 1]
     }
 
     #[inline(always)]
@@ -115,22 +123,27 @@ impl Quad {
 const HALVES: [[usize; 3]; 2] = [[0, 1, 2], [3, 2, 1]];
 
 impl Tiled {
-    /// How far the quads are from the limit surface, in units of its points.
-    pub fn shell(&self) -> ShellError {
-        self.shell
+    /// How far what stands in prisms is from where it would be over the limit surface itself.
+    pub fn achieved(&self) -> AchievedError {
+        let diagonal = f64::from(self.shell.diagonal.max(f32::MIN_POSITIVE));
+        AchievedError {
+            max_diagonals: f64::from(self.shell.displaced) / diagonal,
+            rms_diagonals: f64::from(self.shell.rms) / diagonal,
+            max_pixels: None,
+            vertices: self.shell.places,
+        }
     }
 
     /// A quad's corners at a moment.
     #[inline(always)]
     fn corners(&self, quad: &Quad, moment: &Moment) -> [[DVec3; 2]; 4] {
         let all = self.corners.len() / self.keys as usize;
-        let first = quad.corner as usize;
-        let row = self.cuts as usize + 1;
+        let [a, b, c, d] = quad.numbers();
         [
-            self.corner(first, all, moment),
-            self.corner(first + 1, all, moment),
-            self.corner(first + row, all, moment),
-            self.corner(first + row + 1, all, moment),
+            self.corner(a, all, moment),
+            self.corner(b, all, moment),
+            self.corner(c, all, moment),
+            self.corner(d, all, moment),
         ]
     }
 
@@ -152,10 +165,8 @@ impl Tiled {
     /// u and v at the corners of both triangles of a quad.
     #[inline(always)]
     fn uvs(&self, quad: &Quad) -> [[[f64; 2]; 3]; 2] {
-        let first = quad.corner as usize;
-        let row = self.cuts as usize + 1;
-        let [a, b] = [self.uv(first), self.uv(first + 1)];
-        let [c, d] = [self.uv(first + row), self.uv(first + row + 1)];
+        let [a, b, c, d] = quad.numbers();
+        let (a, b, c, d) = (self.uv(a), self.uv(b), self.uv(c), self.uv(d));
         [[a, b, c], [d, c, b]]
     }
 
@@ -167,8 +178,8 @@ impl Tiled {
 
     /// The parameters on the face of a place in a quad.
     fn face_uv(&self, quad: &Quad, at: DVec2) -> Vec2 {
-        let place = DVec2::new(quad.place[0].into(), quad.place[1].into());
-        let uv = (place + at) / f64::from(self.cuts);
+        let two = |[u, v]: [u16; 2]| DVec2::new(u.into(), v.into());
+        let uv = (two(quad.place) + at) / two(quad.size);
         uv.clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
     }
 

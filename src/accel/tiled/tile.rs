@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::accel::lattice::{Extent, Lattice};
 use crate::accel::simd::{LANES, Lanes};
 use crate::accel::top::{Top, TopNode};
-use crate::math::{Bounds3, DVec3, Vec3};
+use crate::math::{Bounds3, DVec3, DVec4, Vec3};
 use crate::surface::Tiles;
 
 /// A tile.
@@ -32,6 +32,9 @@ pub(super) struct Placed {
 /// Tiles that a triangle may reach beyond its own.
 const MOST_SHIFT: f32 = 8.0;
 
+/// Boxes are no longer, in tiles or their heights.
+const LONGEST: f64 = 1.0 / 16.0;
+
 /// No coordinate of a triangle that a ray meets is farther from the ray's, and sheared.
 const REACH: f32 = 4.0 * MOST_SHIFT;
 
@@ -57,19 +60,21 @@ impl Tile {
                 for i in cells(0) {
                     let cell = DVec3::new(i.into(), j.into(), 0.0);
                     let corners = corners.map(|p| p.as_dvec3() - cell);
-                    let within = clipped(&corners, &square());
+                    let within = clipped(&corners, &SQUARE);
                     if within.len() < 3 {
                         continue;
                     }
-                    let on_lattice: Vec<DVec3> = within
-                        .into_iter()
-                        .map(|p| (p - lattice.anchor.as_dvec3()) / lattice.step())
-                        .collect();
-                    extents.push(Extent::around(&on_lattice));
-                    placed.push(Placed {
-                        triangle: number as u32,
-                        shift: [-i, -j],
-                    });
+                    for piece in pieces(&within) {
+                        let on_lattice: Vec<DVec3> = piece
+                            .into_iter()
+                            .map(|p| (p - lattice.anchor.as_dvec3()) / lattice.step())
+                            .collect();
+                        extents.push(Extent::around(&on_lattice));
+                        placed.push(Placed {
+                            triangle: number as u32,
+                            shift: [-i, -j],
+                        });
+                    }
                 }
             }
         }
@@ -103,7 +108,7 @@ impl Tile {
         &self,
         lanes: L,
         node: &TopNode,
-        mut met: u32,
+        met: u32,
         ray: &Straight,
     ) -> u32 {
         let (patches, first) = node.patches();
@@ -143,8 +148,7 @@ impl Tile {
             before |= lanes.less(lanes.add(value, slack), zero);
             after |= lanes.less(zero, lanes.sub(value, slack));
         }
-        met &= !patches | !(before & after);
-        met
+        met & !(patches & before & after)
     }
 
     /// The corners of what is placed, in the coordinates of the tile.
@@ -157,6 +161,25 @@ impl Tile {
     pub(super) fn memory(&self) -> usize {
         self.top.memory() + size_of_val(self.placed.as_slice()) + self.tiles.memory()
     }
+}
+
+/// A polygon cut across its longest axis, where that is long: boxes around pieces of slanting slivers hold less of nothing.
+fn pieces(polygon: &[DVec3]) -> Vec<Vec<DVec3>> {
+    let low = polygon.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let high = polygon
+        .iter()
+        .copied()
+        .fold(DVec3::NEG_INFINITY, DVec3::max);
+    let extent = high - low;
+    let axis = extent.max_position();
+    let count = (extent[axis] / LONGEST).ceil().max(1.0);
+    let at = |k: f64| low[axis] + extent[axis] * k / count;
+    let unit = DVec3::AXES[axis];
+    let piece = |k: usize| {
+        let (from, to) = (at(k as f64), at(k as f64 + 1.0));
+        clipped(polygon, &[unit.extend(-from), (-unit).extend(to)])
+    };
+    (0..count as usize).map(piece).collect()
 }
 
 /// A straight ray in a tile, which is a point in a plane: the third of its axes is the one along which it runs most, and the
@@ -215,24 +238,22 @@ fn corners_of(tiles: &Tiles, placed: Placed) -> [DVec3; 3] {
     ]
 }
 
-/// A half of space over the plane of u and v: where the first two numbers by u and v, plus the third, are not below 0.
-pub(super) type Half = [f64; 3];
+/// A half of space: where a point, with 1 for a fourth coordinate, times this is not below 0.
+pub(super) type Half = DVec4;
 
 /// The halves of which 0..1 in u and v are what is common.
-fn square() -> [Half; 4] {
-    [
-        [1.0, 0.0, 0.0],
-        [-1.0, 0.0, 1.0],
-        [0.0, 1.0, 0.0],
-        [0.0, -1.0, 1.0],
-    ]
-}
+const SQUARE: [Half; 4] = [
+    DVec4::new(1.0, 0.0, 0.0, 0.0),
+    DVec4::new(-1.0, 0.0, 0.0, 1.0),
+    DVec4::new(0.0, 1.0, 0.0, 0.0),
+    DVec4::new(0.0, -1.0, 0.0, 1.0),
+];
 
 /// The part of a convex polygon that is in all of some halves (Sutherland and Hodgman, "Reentrant Polygon Clipping", 1974).
 pub(super) fn clipped(polygon: &[DVec3], halves: &[Half]) -> Vec<DVec3> {
     let mut polygon = polygon.to_vec();
-    for [x, y, z] in halves {
-        let side = |p: &DVec3| x * p.x + y * p.y + z;
+    for half in halves {
+        let side = |p: &DVec3| p.extend(1.0).dot(*half);
         let mut rest = Vec::with_capacity(polygon.len() + 1);
         for (k, a) in polygon.iter().enumerate() {
             let b = &polygon[(k + 1) % polygon.len()];
