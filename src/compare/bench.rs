@@ -20,7 +20,8 @@ use serde::Serialize;
 use super::CompareOptions;
 use super::random::Random;
 use super::traced::{
-    Prepared, Traced, bounced, device, how_much_finer, methods, prepare, together,
+    MOST_IN_REFERENCE, Prepared, Traced, bounced, device, how_much_finer, methods, prepare,
+    together,
 };
 use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
@@ -400,7 +401,7 @@ fn measure_distances(
     options: &CompareOptions,
     warnings: &mut Warnings,
 ) -> Result<Option<Reference>> {
-    let largest = prepared.iter().map(Prepared::triangles).max();
+    let largest = (prepared.iter().map(|p| p.rates.micro_triangles())).max();
     let Some(finer) = how_much_finer(largest.unwrap_or(0)) else {
         warnings.add("no reference", || {
             "distances are not measured: more finely diced, a surface would have too many micro-triangles"
@@ -412,7 +413,21 @@ fn measure_distances(
     for (i, prepared) in prepared.iter().enumerate() {
         let device = device(&options.memory_budget)?;
         let none = Method::EmbreeGrid.cache(CacheSize::default());
-        let fine = prepared.build(Method::EmbreeGrid, &prepared.finer(finer), &device, &none)?;
+        let fine = match prepared.copies() {
+            None => prepared.build(Method::EmbreeGrid, &prepared.finer(finer), &device, &none)?,
+            Some(copies) if copies <= MOST_IN_REFERENCE => {
+                prepared.build(Method::EmbreeTriangles, &prepared.rates, &device, &none)?
+            }
+            Some(copies) => {
+                warnings.add("no copies", || {
+                    format!(
+                        "{}: distances of its tiles are not measured: {copies} triangles would have to be copied",
+                        prepared.object.path
+                    )
+                });
+                continue;
+            }
+        };
         for e in 0..entries.len() {
             let traced = &entries[e].traced[i];
             let found = [&fine, &entries[twin].traced[i]]

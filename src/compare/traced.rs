@@ -18,7 +18,7 @@ use crate::world::{
 const FINER: [u32; 3] = [4, 3, 2];
 
 /// Micro-triangles of one surface's reference at most. They take 4 GB while they are built.
-const MOST_IN_REFERENCE: u64 = 1 << 27;
+pub(super) const MOST_IN_REFERENCE: u64 = 1 << 27;
 
 /// How many times as fine the reference of a surface of so many micro-triangles can be along an edge; none if even the
 /// least would take too much memory.
@@ -94,11 +94,14 @@ pub(super) fn methods(choice: Choice, prepared: &[Prepared], budget: &Budget) ->
 impl Prepared {
     /// How many triangles are traced: micro-triangles, or those of the tiles over it.
     pub(super) fn triangles(&self) -> u64 {
+        let copies = self.copies();
+        copies.unwrap_or_else(|| self.rates.micro_triangles())
+    }
+
+    /// How many triangles copies of its tiles would be, if tiles of geometry are seen in the surface's place.
+    pub(super) fn copies(&self) -> Option<u64> {
         let surface = &self.object.surface;
-        match surface.tiles() {
-            Some(tiles) => tiles.count_over(surface.base()),
-            None => self.rates.micro_triangles(),
-        }
+        (surface.tiles()).map(|tiles| tiles.count_over(surface.base()))
     }
 
     /// Whether tiles of geometry are seen in the surface's place.
@@ -150,6 +153,7 @@ impl Prepared {
                     Err(Error::Interrupted) => {
                         return Err(budget.exceeded(format!("{} take more", what())));
                     }
+                    Err(Error::Input(fault)) => return Err(fault.at_prim(&object.path).into()),
                     built => built?,
                 };
                 let error = built.error();

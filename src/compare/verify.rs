@@ -121,7 +121,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
     for (number, prepared) in prepared.iter().enumerate() {
         let device = device(&options.memory_budget)?;
         let none = Method::EmbreeTriangles.cache(options.cache_size);
-        let finer = how_much_finer(prepared.triangles()).unwrap_or_else(|| {
+        let finer = how_much_finer(prepared.rates.micro_triangles()).unwrap_or_else(|| {
             warnings.add("coarse references", || {
                 format!(
                     "{}: compared with surfaces diced alike: more finely diced, they would take too much memory",
@@ -264,12 +264,8 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
     };
     let (p, place) = (ray.at(hit.t), traced.place(&hit));
     if prepared.is_tiled() {
-        return over(
-            &mut found,
-            [(&hit, p), (&other, ray.at(other.t))],
-            reference,
-            diagonal,
-        );
+        let hits = [(&hit, p), (&other, ray.at(other.t))];
+        return over(found, hits, reference, diagonal);
     }
     let normal = traced.smooth(place).normal;
     let probe = (normal != Vec3::ZERO)
@@ -306,7 +302,7 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
 
 /// What stands over a surface has no smooth surface to ask: the distance is that along the ray, or along the hit's normal.
 fn over(
-    found: &mut Found,
+    mut found: Found,
     [(hit, p), (other, q)]: [(&SceneHit, Vec3); 2],
     reference: &Traced,
     diagonal: f32,
@@ -325,7 +321,7 @@ fn over(
     if near < SAME_PLACE * diagonal && cos > 0.0 {
         found.degrees = cos.min(1.0).acos().to_degrees();
     }
-    *found
+    found
 }
 
 /// Rays from inside of a closed mesh that meet nothing.

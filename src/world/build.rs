@@ -427,7 +427,7 @@ pub(super) fn covering<'a>(
         )
 }
 
-/// The primvars that the materials on a shape read and it has.
+/// The primvars that the materials on a shape read, and that its tiles lie by, and it has.
 ///
 /// # Errors
 /// One that it should have had: the file gives it, but not for this mesh.

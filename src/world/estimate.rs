@@ -75,6 +75,7 @@ impl Counts {
         };
         if let Some(tiles) = surface.tiles() {
             counts.micro_triangles = tiles.count_over(base);
+            counts.micro_vertices = tiles.vertices_of(counts.micro_triangles);
             counts.tiled = Some(Tiled::expected_bytes(surface, tiles));
             return counts;
         }
@@ -143,13 +144,19 @@ impl Method {
         let Counts { keys, faces, .. } = *counts;
         let triangles = counts.micro_triangles;
         if let Some(tiled) = counts.tiled {
-            // Copies share vertices, but not where prisms end: two for three triangles, of 20 bytes, of which Embree has a
-            // copy as of the indices.
-            let copied = if self.copies_tiles() { triangles } else { 0 };
+            if !self.copies_tiles() {
+                return Need {
+                    held: tiled,
+                    ..Need::default()
+                };
+            }
+            // Indices, twice, and faces; Embree's leaves hold fewer slivers than triangles. Points of which Embree has a copy,
+            // and parameters; a fifth more of them where prisms end.
+            let vertices = counts.micro_vertices + counts.micro_vertices / 5;
             return Need {
-                held: tiled + copied * (36 + 76 * keys),
-                dicing: tiled + copied * (26 + 16 * keys),
-                commit: 28 * keys * copied,
+                held: tiled + triangles * (28 + 90 * keys) + vertices * (8 + 12 * keys),
+                dicing: tiled + triangles * 16 + vertices * (8 + 24 * keys),
+                commit: 28 * keys * triangles,
             };
         }
         let points = 12 * counts.micro_vertices * keys;

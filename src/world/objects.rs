@@ -83,7 +83,8 @@ pub fn objects(
             Some(tiles) => Some(tiles.primvar.as_str()),
             None => height.and_then(coordinates),
         };
-        let names: Vec<&str> = names.into_iter().chain(tiles.and(st)).collect();
+        let lies_by = tiles.and(st).filter(|name| !names.contains(name));
+        let names: Vec<&str> = names.iter().copied().chain(lies_by).collect();
         let (carrier, bounds, cage): (Arc<dyn Carrier>, _, _) = match &shape.geometry {
             scene::Geometry::Mesh(mesh) => {
                 if tiles.is_some() && mesh.scheme == Scheme::None {

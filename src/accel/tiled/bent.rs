@@ -34,6 +34,20 @@ pub(super) struct Chord {
     pub(super) off: [f64; 3],
 }
 
+impl Chord {
+    /// Whether it says anything: where a prism is as good as flat, rounding may leave nothing of it. False for what is not a
+    /// number, too.
+    #[inline(always)]
+    pub(super) fn is_sound(&self) -> bool {
+        const FAR: f64 = 1e9;
+        let mut sound = true;
+        for k in 0..3 {
+            sound &= self.from[k].abs() + self.along[k].abs() <= FAR && self.off[k] <= 1.0;
+        }
+        sound
+    }
+}
+
 impl Bent {
     /// All of a span, over a triangle whose corners have these u and v.
     #[inline(always)]
@@ -82,11 +96,17 @@ impl Bent {
         [first, second]
     }
 
+    /// The ray's own t at both ends.
+    #[inline(always)]
+    pub(super) fn times(&self) -> [f64; 2] {
+        [self.t[0] / self.d[0], self.t[3] / self.d[3]]
+    }
+
     /// The chord; none where it takes no time, or where the denominator's coefficients bound nothing.
     #[inline(always)]
     pub(super) fn chord(&self) -> Option<Chord> {
         let d = &self.d;
-        let [t0, t1] = [self.t[0] / d[0], self.t[3] / d[3]];
+        let [t0, t1] = self.times();
         let per_t = 1.0 / (t1 - t0);
         if !(t1 > t0 && d[1] > 0.0 && d[2] > 0.0) {
             return None;

@@ -21,6 +21,9 @@ const MOST_CUTS: u32 = 64;
 /// of them costs a ray as much as some tiles do.
 const DISTANCE: f32 = 4e-4;
 
+/// No tile may be farther from the first.
+const FARTHEST: f32 = 1e7;
+
 /// Tiles that a quad may have along u or v.
 const MOST_TILES: f32 = 65536.0;
 
@@ -28,7 +31,7 @@ impl Tiled {
     /// Builds it for the tiles over a surface. `progress` is told from 0 to 1, and stops the build by returning false.
     ///
     /// # Errors
-    /// [`Error::Input`] where a quad has too many tiles, or texture coordinates are no numbers; [`Error::Interrupted`] if
+    /// [`Error::Input`] where a quad has too many tiles, or texture coordinates are too large or no numbers; [`Error::Interrupted`] if
     /// stopped; [`Error::Memory`] beyond 2^32 corners.
     pub fn build(
         surface: &Surface,
@@ -221,9 +224,11 @@ fn check(grids: &[FaceGrid], uv: &[Vec2]) -> Result<(), Fault> {
                 let low = corners.into_iter().fold(Vec2::INFINITY, Vec2::min);
                 let high = corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max);
                 let most = (high - low).max_element();
-                let is_fine = low.is_finite() && high.is_finite() && most <= MOST_TILES;
-                if !is_fine {
-                    let message = format!("{most} tiles on a part of it, and {MOST_TILES} is most");
+                let is_fine = corners.iter().all(|c| c.abs().max_element() <= FARTHEST);
+                if !is_fine || most > MOST_TILES {
+                    let message = format!(
+                        "{most} tiles on a part of it, from {low} to {high}, where {MOST_TILES} are most, and none beyond {FARTHEST}"
+                    );
                     let fault = Fault::new(message).at_face(grid.face as usize);
                     return Err(fault
                         .advise("author fewer repeats, or texture coordinates that are numbers"));

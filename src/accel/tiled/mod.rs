@@ -1,4 +1,4 @@
-//! Shell mapping: geometry that stands over a surface tile by tile, traced without any copy of it.
+//! Shell mapping: geometry that stands over a surface tile by tile, of which bent rays need no copy.
 //!
 //! After Ogaki, "Nonlinear Ray Tracing for Displacement and Shell Mapping", SIGGRAPH Asia 2023 conference papers, whose
 //! prisms and bent rays `nonlinear` has, too. Over a triangle of the surface lies a prism, all points P + w N, in which
@@ -16,7 +16,7 @@
 //!
 //! **What is traced.** Faces are cut into quads, as few as the limit surface's curvature allows, and as many on both sides of an edge
 //! ([`Shell`](crate::surface::Shell), whose error is [`achieved`](Tiled::achieved)); a quad is two triangles, along its
-//! diagonal. Their corners' limit points and unit normals make the prisms, and texture coordinates are linear over each
+//! diagonal. Their corners' limit points and unit normals, or the means of these along creases, make the prisms, and texture coordinates are linear over each
 //! triangle. The triangles of the tile are flat in u, v and w. [`Tiled::copies`] is the same geometry as triangles of the world, for who
 //! traces it otherwise: cut where prisms end, and straight where these are bent.
 //!

@@ -172,6 +172,40 @@ fn no_ray_escapes() {
     assert_eq!(lost, 0);
 }
 
+/// Who goes on behind a hit, as where a surface is trimmed, never finds it again.
+#[test]
+fn behind_a_hit_is_the_next_one() {
+    let tree = tiled(&plain(Patches::torus(5, 4)), blades(6.0, 0.3));
+    let mut random = Random(6);
+    let mut hits = 0;
+    for _ in 0..100 {
+        let mut ray = random_ray(&mut random);
+        while let Some(hit) = tree.intersect(0, &ray) {
+            assert!(hit.t > ray.t_min, "{hit:?} {ray:?}");
+            ray.t_min = hit.t;
+            hits += 1;
+        }
+    }
+    assert!(hits > 300, "{hits}");
+}
+
+/// A flat tile far from the surface, triangles without area, and none at all.
+#[test]
+fn degenerate_tiles_are_traced() {
+    let surface = plain(Patches::sphere(2));
+    let ray = Ray::new(Vec3::new(0.3, 5.0, 0.2), -Vec3::Y, 0.0);
+    let flat = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    let lifted = |z: f32| flat.map(|[x, y]| Vec3::new(x, y, z)).to_vec();
+    let whole = vec![[0, 1, 2], [0, 2, 3], [1, 1, 3]];
+    let far = Tiles::new(lifted(1e5), whole, Vec2::splat(3.0), 1e-5);
+    assert_eq!(far.triangles().len(), 2);
+    let hit = tiled(&surface, far).intersect(0, &ray).expect("a shell");
+    let place = ray.at(hit.t).length();
+    assert!((place - 2.0).abs() < 0.02, "{place}");
+    let none = Tiles::new(Vec::new(), Vec::new(), Vec2::ONE, 1.0);
+    assert!(tiled(&surface, none).intersect(0, &ray).is_none());
+}
+
 #[test]
 fn all_instruction_sets_meet_the_same() {
     let surface = plain(Patches::torus(5, 4));

@@ -165,6 +165,11 @@ impl<const ANY: bool> Walk<'_, ANY> {
         waiting.push((bent, 0));
         let mut nearest = None;
         while let Some((part, halvings)) = waiting.pop() {
+            let [begin, end] = part.times();
+            let is_asked = begin < end && end >= self.t[0] && begin <= self.t[1];
+            if !is_asked {
+                continue;
+            }
             let chord = part.chord();
             let is_near = match &chord {
                 Some(chord) => chord.off[0].max(chord.off[1]).max(chord.off[2]) <= NEAR,
@@ -176,10 +181,9 @@ impl<const ANY: bool> Walk<'_, ANY> {
                 waiting.push((first, halvings + 1));
                 continue;
             }
-            let Some(chord) = chord else { continue };
-            if chord.t[1] < self.t[0] || chord.t[0] > self.t[1] {
+            let Some(chord) = chord.filter(Chord::is_sound) else {
                 continue;
-            }
+            };
             let met = self.chord(lanes, &part, &chord, which, span);
             if met.is_some() {
                 nearest = met;
@@ -344,6 +348,8 @@ impl<const ANY: bool> Walk<'_, ANY> {
             let (wb, wc) = (n.dot(p.cross(ac)), n.dot(ab.cross(p)));
             let least = -ROUNDING * area;
             let inside = wb >= least && wc >= least && wb + wc <= area - least;
+            // As whoever asks will see it.
+            let t = f64::from(t as f32);
             if inside && t > self.t[0] && t < self.t[1] {
                 let [from, to] = part.s;
                 return Some((t, from + x * (to - from)));

@@ -31,6 +31,9 @@ const DEFAULT_PRIMVAR: &str = "st";
 /// How many tiles a tile's geometry may reach beyond its own.
 const REACH: f32 = 4.0;
 
+/// How far from 0 a tile's z may be.
+const HIGHEST: f32 = 1e6;
+
 impl Reader {
     /// What stands over a surface, if anything does.
     pub(super) fn tiles(
@@ -205,6 +208,16 @@ impl Reader {
                 point.x, point.y
             ))
             .advise("scale its points, not its transform: one tile is x and y from 0 to 1"));
+        }
+        if let Some(point) = mesh
+            .used_points()
+            .find(|p| !(0.0..=HIGHEST).contains(&p.z.abs()))
+        {
+            return Err(Fault::new(format!(
+                "it reaches to z = {}, farther than {HIGHEST}",
+                point.z
+            ))
+            .advise("scale its points, and author relievo:shell:height for it"));
         }
         let names = self.authored(prim);
         let unread = |name: &str| {
@@ -457,6 +470,11 @@ def \"D\" (instanceable = true
                 spoilt("(1.5, 0.5, 1)", "(-4.25, 0, 1)"),
                 ordinary.clone(),
                 "it reaches to (-4.25, 0)",
+            ),
+            (
+                spoilt("(1.5, 0.5, 1)", "(1.5, 0.5, -2e6)"),
+                ordinary.clone(),
+                "it reaches to z = -2000000",
             ),
             (
                 good.clone(),
