@@ -1,7 +1,7 @@
 //! Tiles of geometry over surfaces: the same picture by bent rays as by copies in Embree's triangles.
 
-use crate::common::program::{Bench, expect};
-use crate::common::read;
+use crate::common::program::{Bench, expect, said};
+use crate::common::{mean, read};
 use relievo::math::Vec3;
 
 /// A bent sheet of two by two faces, which moves, and stands in two places; a tile of blades that lean over its border, over a
@@ -88,10 +88,20 @@ def DomeLight "Sky" {{ float inputs:intensity = 1 }}
 
 /// A picture of it: its bytes, and its pixels.
 fn picture(bench: &Bench, name: &str, more: &[&str]) -> (Vec<u8>, Vec<Vec3>) {
-    let arguments = ["--res", "60", "40", "--spp", "16", "-o", name];
+    let arguments = [
+        "render",
+        "tiles.usda",
+        "--res",
+        "60",
+        "40",
+        "--spp",
+        "16",
+        "-o",
+        name,
+    ];
     let arguments = [&arguments, more].concat();
-    let (code, text) = bench.render("tiles.usda", &arguments);
-    assert_eq!(code, 0, "{text}");
+    let output = bench.command(&arguments).output();
+    expect(said(&output.expect("the program runs")), 0, &[]);
     let path = bench.path(name);
     let bytes = std::fs::read(&path).expect("it was written");
     (bytes, read(&path).2)
@@ -110,8 +120,10 @@ fn bent_rays_show_what_copies_show() {
         let (bytes, bent) = picture(&bench, "bent.exr", &["--method", method]);
         let apart: f32 = bent.iter().zip(&copies).map(|(a, b)| a.distance(*b)).sum();
         let apart = apart / copies.len() as f32;
-        // Straight triangles and bent ones differ by a little at their sides.
-        assert!(apart < 4e-3, "{method}: {apart}");
+        // Straight triangles and bent ones differ at outlines, and paths that leave them have other noise.
+        assert!(apart < 2e-2, "{method}: {apart}");
+        let brighter = mean(&bent) - mean(&copies);
+        assert!(brighter.abs().max_element() < 2e-3, "{method}: {brighter}");
         // They are the same by all methods, down to the header's name of them.
         let pixels: Vec<u8> =
             bytemuck::cast_slice(&bent.iter().map(|p| p.to_array()).collect::<Vec<_>>()).to_vec();
@@ -154,11 +166,7 @@ fn copies_that_do_not_fit_are_refused_and_bent_rays_are_told() {
         "tiles.usda",
         &[&budget[..], &["--method", "embree-triangles"]].concat(),
     );
-    expect(
-        refused,
-        4,
-        &["/Sheets/Sheet", "220000000 micro-triangles", "--method"],
-    );
+    expect(refused, 4, &["/Sheet: 2", "micro-triangles", "--method"]);
     for method in ["auto", "embree-grid"] {
         let how = ["--method", method, "--stats", "stats.json"];
         expect(

