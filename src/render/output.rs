@@ -10,6 +10,7 @@ use crate::image::{
     write_png,
 };
 use crate::math::Vec4;
+use crate::memory::{SMALL_PIECES, is_there, none_left};
 use crate::shade::camera::Camera;
 use crate::stats::Stats;
 
@@ -121,7 +122,20 @@ impl Output {
         width as usize * height as usize * of_exr.max(of_png)
     }
 
+    /// Writes it.
+    ///
+    /// # Errors
+    /// If it cannot be written: [`Error::Memory`] if there is little memory left then, for libraries do not tell.
     pub(super) fn write(&self, film: &Film, record: &Record<'_>) -> Result<()> {
+        /// What they may ask for at once: their threads have stacks and heaps of their own.
+        const AT_ONCE: usize = 2 * SMALL_PIECES;
+        self.pictures(film, record).map_err(|error| match error {
+            Error::Failed { .. } if !is_there(AT_ONCE) => none_left(error),
+            other => other,
+        })
+    }
+
+    fn pictures(&self, film: &Film, record: &Record<'_>) -> Result<()> {
         if ending(&self.picture) == "exr" {
             write_exr(&self.picture, &self.exr(film, record))?;
         } else {
