@@ -9,7 +9,7 @@ use relievo::scene::{AspectRatioConform, Binding, Camera, Description, Geometry,
 use relievo::shade::camera::{Camera as Prepared, CameraOptions};
 use relievo::subdiv::{LimitSurface, refine};
 use relievo::trace::{Device, DeviceOptions};
-use relievo::world::{BuildOptions, Dicing, Met, World};
+use relievo::world::{BuildOptions, Detail, Dicing, Met, World};
 
 thread_local! {
     static DEVICE: Device = Device::new(&DeviceOptions { threads: 1, ..DeviceOptions::default() }).expect("a device");
@@ -143,7 +143,7 @@ fn trace(mesh: ControlMesh) {
     for i in 0..16 {
         let (x, y) = ((i % 4 * 70 + 20) as f32, (i / 4 * 70 + 20) as f32);
         let ray = Ray::new(Vec3::new(x, y, 1000.0), Vec3::new(0.01, -0.02, -1.0), 0.0);
-        if let Met::Surface(hit) = built.world.meet(&ray, Cone::LINE) {
+        if let Met::Surface(hit) = built.world.meet(&ray, Cone::LINE, Detail::Full) {
             assert!(hit.position.is_finite() && hit.shading_normal.is_finite(), "{ray:?}");
             assert!((hit.face as usize) < description.shapes[0].geometry.face_count());
         }
