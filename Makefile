@@ -90,6 +90,7 @@ lint: deps
 	cargo fmt --all --check
 	cargo clippy --workspace --all-targets $(CARGO_FLAGS) -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items $(CARGO_FLAGS)
+	cargo check --manifest-path fuzz/Cargo.toml $(CARGO_FLAGS)
 
 bench: build scenes
 	cargo bench -p relievo -p relievo-ptex $(CARGO_FLAGS)

@@ -1,9 +1,12 @@
 //! What trees that are walked in lanes have in common: a ray goes in, and a hit comes out, or whether there is any; all
 //! between is compiled for the instruction set that was chosen.
 
-use super::Hit;
+use super::lattice::Lattice;
 use super::simd::{Body, Isa, Lanes};
-use crate::math::Ray;
+use super::top::{Child, Top};
+use super::waiting::{Place, Stack, Waiting};
+use super::{Hit, Intersector};
+use crate::math::{Bounds3, Ray};
 
 /// A tree that is walked in lanes. Methods with lanes are `#[inline(always)]`, and so is all that they call.
 pub(super) trait Traversal {
@@ -21,6 +24,160 @@ pub(super) trait Traversal {
     ) -> Option<Self::Met>;
     /// All that is to be known of the nearest place.
     fn hit<L: Lanes, const MOVES: bool>(&mut self, lanes: L, ray: &Ray, met: &Self::Met) -> Hit;
+}
+
+/// What all trees over patches are made of.
+pub(super) struct Trunk<'t> {
+    pub(super) isa: Isa,
+    pub(super) keys: u32,
+    pub(super) lattice: &'t Lattice,
+    pub(super) top: &'t Top,
+}
+
+/// A tree that has all that its rays ask for, and so is a traversal and an intersector of a single primitive.
+pub(super) trait Tree: Send + Sync {
+    /// As in [`Traversal`].
+    type Met;
+    /// What it has of the above.
+    fn trunk(&self) -> Trunk<'_>;
+    /// As in [`Traversal`].
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Self::Met>;
+    /// All that is to be known of a place that a ray met.
+    fn hit_on(&self, ray: &Ray, met: &Self::Met) -> Hit;
+    /// Bytes held.
+    fn bytes(&self) -> usize;
+}
+
+impl<T: Tree> Traversal for &T {
+    type Met = T::Met;
+
+    #[inline(always)]
+    fn isa(&self) -> Isa {
+        self.trunk().isa
+    }
+
+    #[inline(always)]
+    fn moves(&self) -> bool {
+        self.trunk().keys > 1
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &mut self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<T::Met> {
+        T::meet::<L, ANY, MOVES>(self, lanes, ray)
+    }
+
+    #[inline(always)]
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &T::Met) -> Hit {
+        self.hit_on(ray, met)
+    }
+}
+
+impl<T: Tree> Intersector for T {
+    fn primitives(&self) -> u32 {
+        1
+    }
+
+    fn keys(&self) -> u32 {
+        self.trunk().keys
+    }
+
+    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
+        let Trunk { lattice, top, .. } = self.trunk();
+        lattice.bounds(&top.extent(key as usize))
+    }
+
+    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
+        nearest(&mut &*self, ray)
+    }
+
+    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
+        any(&mut &*self, ray)
+    }
+
+    fn memory(&self) -> usize {
+        self.bytes()
+    }
+}
+
+/// A ray on its way through a tree. What it asks about ends at the nearest hit so far: that is its own affair.
+pub(super) trait Visitor {
+    /// Where it meets what is in the tree.
+    type Met;
+    /// Where what it asks about ends, as `near` of what waits is counted.
+    fn t_max(&self) -> f32;
+    /// Of a node's children the nearest; the others wait.
+    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting>;
+    /// Comes to a patch, which begins at `near`.
+    fn patch<L: Lanes>(
+        &mut self,
+        lanes: L,
+        patch: u32,
+        near: f32,
+        stack: &mut Stack,
+    ) -> Found<Self::Met>;
+    /// Comes to a part of the patch at hand, if patches have parts.
+    fn part<L: Lanes>(&mut self, _lanes: L, _part: usize, _stack: &mut Stack) -> Found<Self::Met> {
+        Found::Next(None)
+    }
+}
+
+/// What there is in a patch, or in a part of one.
+pub(super) enum Found<M> {
+    /// A place to go on to at once, if there is one.
+    Next(Option<Waiting>),
+    /// Something that the ray meets.
+    Met(M),
+}
+
+impl<M> From<Option<M>> for Found<M> {
+    #[inline(always)]
+    fn from(met: Option<M>) -> Self {
+        match met {
+            Some(met) => Self::Met(met),
+            None => Self::Next(None),
+        }
+    }
+}
+
+/// Goes through a tree from its root on: to the nearest place that the ray meets, or to `ANY` one.
+#[inline(always)]
+pub(super) fn visit<L: Lanes, V: Visitor, const ANY: bool>(
+    lanes: L,
+    root: Child,
+    visitor: &mut V,
+) -> Option<V::Met> {
+    let mut nearest = None;
+    let mut stack = Stack::default();
+    let mut next = Some(Waiting::child(0.0, root));
+    while let Some(at) = next {
+        let found = match at.place() {
+            Place::Node(node) => Found::Next(visitor.node(lanes, node, &mut stack)),
+            Place::Patch(patch) => visitor.patch(lanes, patch, at.near(), &mut stack),
+            Place::Part(part) => visitor.part(lanes, part, &mut stack),
+        };
+        next = match found {
+            Found::Next(next) => next,
+            Found::Met(met) => {
+                nearest = Some(met);
+                if ANY {
+                    return nearest;
+                }
+                None
+            }
+        };
+        if next.is_none() {
+            next = stack.next(visitor.t_max());
+        }
+    }
+    nearest
 }
 
 /// The nearest hit.
@@ -47,17 +204,17 @@ pub(super) fn any<T: Traversal>(tree: &mut T, ray: &Ray) -> bool {
 #[cfg(test)]
 pub(super) fn place<T: Traversal>(tree: &mut T, ray: &Ray) -> Option<T::Met> {
     if tree.moves() {
-        tree.isa().run(Place::<T, true>(tree, ray))
+        tree.isa().run(Nearby::<T, true>(tree, ray))
     } else {
-        tree.isa().run(Place::<T, false>(tree, ray))
+        tree.isa().run(Nearby::<T, false>(tree, ray))
     }
 }
 
 #[cfg(test)]
-struct Place<'a, T, const MOVES: bool>(&'a mut T, &'a Ray);
+struct Nearby<'a, T, const MOVES: bool>(&'a mut T, &'a Ray);
 
 #[cfg(test)]
-impl<T: Traversal, const MOVES: bool> Body for Place<'_, T, MOVES> {
+impl<T: Traversal, const MOVES: bool> Body for Nearby<'_, T, MOVES> {
     type Output = Option<T::Met>;
 
     #[inline(always)]

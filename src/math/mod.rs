@@ -3,6 +3,7 @@
 
 mod bounds;
 mod cone;
+mod disjoint;
 mod disk;
 mod frame;
 mod ray;
@@ -10,6 +11,7 @@ mod roots;
 
 pub use bounds::Bounds3;
 pub use cone::{Area, Cone};
+pub use disjoint::DisjointSets;
 pub use disk::concentric_disk;
 pub use frame::Frame;
 pub use glam::{Affine2, Affine3A, DAffine3, DMat4, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};

@@ -13,7 +13,7 @@
 use super::basis::{self, Weights};
 use super::surface::{NurbsSurface, SurfacePoint, apply_rows};
 use crate::error::Fault;
-use crate::math::{Bounds3, DVec3, DVec4, Vec3};
+use crate::math::{Bounds3, DVec3, DVec4, DisjointSets, Vec3};
 use crate::mesh::{MAX_ORDER, NurbsDirection};
 
 /// How a face meets an edge of the surface.
@@ -373,19 +373,19 @@ impl BezierFaces {
     /// Numbers the vertices: one for each crossing of lines, and the two ends of a shrunk edge are one.
     fn number_vertices(&mut self, tolerance: &Tolerance) {
         let [lines_u, lines_v] = [self.axes[0].lines, self.axes[1].lines];
-        let mut parent: Vec<usize> = (0..lines_u * lines_v).collect();
+        let mut sets = DisjointSets::new(lines_u * lines_v);
         for axis in [0, 1] {
             for (ends, points) in self.edges_along(axis) {
                 if self.shrink(&points, tolerance) {
-                    let [a, b] = ends.map(|v| root(&parent, v));
-                    parent[a.max(b)] = a.min(b);
+                    let [a, b] = ends;
+                    sets.join(a, b);
                 }
             }
         }
         // A root has the smallest number of its set, so it is numbered before the others ask for it.
-        let mut numbers = vec![0; parent.len()];
-        for v in 0..parent.len() {
-            let r = root(&parent, v);
+        let mut numbers = vec![0; lines_u * lines_v];
+        for v in 0..lines_u * lines_v {
+            let r = sets.least(v);
             numbers[v] = if r == v {
                 self.vertex_count += 1;
                 self.vertex_count - 1
@@ -512,13 +512,6 @@ fn extract(direction: &NurbsDirection) -> (Axis, Vec<(usize, Weights)>) {
         lines,
     };
     (axis, rows)
-}
-
-fn root(parent: &[usize], mut v: usize) -> usize {
-    while parent[v] != v {
-        v = parent[v];
-    }
-    v
 }
 
 /// The Bezier points of a curve's part from `a` to `b`: cut off behind `b`, then before `a` (de Casteljau).

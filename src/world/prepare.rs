@@ -308,7 +308,12 @@ impl<'a> Preparer<'a> {
         // Tiles are not stored.
         let is_stored = matches!(source, Source::Stored(_)) && wanted.tiles.is_none();
         let rates = (!is_stored).then(|| {
-            let rates = Rates::on_screen(&surface, &stands, &self.options.dicing);
+            let rates = if wanted.tiles.is_some() {
+                // It is not diced.
+                Rates::uniform(&surface, 1)
+            } else {
+                Rates::on_screen(&surface, &stands, &self.options.dicing)
+            };
             surface.report(wanted.path, warnings);
             rates
         });
@@ -375,6 +380,7 @@ impl Smooth<'_> {
         dicing: Option<&Dicing>,
         bounce_dicing: Option<f32>,
     ) -> (Counts, Option<Counts>) {
+        let dicing = dicing.filter(|_| self.surface.tiles().is_none());
         let otherwise = dicing.map(|d| Rates::on_screen(&self.surface, &self.stands, d));
         let Some(rates) = otherwise.as_ref().or(self.rates.as_ref()) else {
             return (Counts::default(), None);

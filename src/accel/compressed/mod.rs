@@ -39,19 +39,19 @@ mod traverse;
 
 use mapped::Items;
 
+use super::Hit;
 use super::face::Face;
 use super::lattice::Lattice;
 use super::moment::Moment;
-use super::simd::Isa;
+use super::simd::{Isa, Lanes};
 use super::top::Top;
-use super::traversal::{any, nearest};
-use super::{Hit, Intersector};
-use crate::math::{Bounds3, Ray, Vec2};
+use super::traversal::{Tree, Trunk, visit};
+use crate::math::{Ray, Vec2};
 use crate::stats::AchievedError;
 use leaf::Leaf;
 use patch::{Fan, Patch};
 use tile::{FAN, Tile};
-use traverse::Met;
+use traverse::{Met, Walk};
 
 /// A compressed surface.
 pub struct Compressed {
@@ -108,6 +108,31 @@ impl Compressed {
         }
         from.on_the_way(&at(moment.to), moment)
     }
+}
+
+impl Tree for Compressed {
+    type Met = Met;
+
+    #[inline(always)]
+    fn trunk(&self) -> Trunk<'_> {
+        Trunk {
+            isa: self.isa,
+            keys: self.keys,
+            lattice: &self.lattice,
+            top: &self.top,
+        }
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let moment = &Moment::new(self.keys, ray.time);
+        let mut walk = Walk::<MOVES>::new(self, moment, ray)?;
+        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
+    }
 
     /// What a ray met on a leaf.
     #[inline(always)]
@@ -137,30 +162,8 @@ impl Compressed {
             error: self.lattice.step * across + f32::MIN_POSITIVE,
         }
     }
-}
 
-impl Intersector for Compressed {
-    fn primitives(&self) -> u32 {
-        1
-    }
-
-    fn keys(&self) -> u32 {
-        self.keys
-    }
-
-    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
-        self.lattice.bounds(&self.top.extent(key as usize))
-    }
-
-    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        nearest(&mut &*self, ray)
-    }
-
-    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        any(&mut &*self, ray)
-    }
-
-    fn memory(&self) -> usize {
+    fn bytes(&self) -> usize {
         self.parts().iter().sum()
     }
 }

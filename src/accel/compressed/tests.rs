@@ -7,6 +7,7 @@ use proptest::prelude::*;
 
 use super::tile::{MOST_QUADS, leaves, there};
 use super::*;
+use crate::accel::Intersector;
 use crate::accel::Tessellated;
 use crate::accel::lattice::Extent;
 use crate::accel::simd::Portable;

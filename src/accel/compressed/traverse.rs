@@ -8,13 +8,12 @@
 use super::Compressed;
 use super::patch::Patch;
 use super::tile::{CUTS, Cuts, MOST_QUADS, Tile, there};
-use crate::accel::Hit;
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::simd::{Isa, LANES, Lanes, Nibbles};
-use crate::accel::traversal::Traversal;
-use crate::accel::waiting::{Place, Stack, Waiting};
+use crate::accel::simd::{LANES, Lanes, Nibbles};
+use crate::accel::traversal::{Found, Visitor};
+use crate::accel::waiting::{Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met a leaf.
@@ -27,86 +26,7 @@ pub(in crate::accel) struct Met {
     pub(super) leaf: usize,
 }
 
-impl Traversal for &Compressed {
-    type Met = Met;
-
-    #[inline(always)]
-    fn isa(&self) -> Isa {
-        self.isa
-    }
-
-    #[inline(always)]
-    fn moves(&self) -> bool {
-        self.keys > 1
-    }
-
-    #[inline(always)]
-    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
-        self.hit_on(ray, met)
-    }
-
-    #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &mut self,
-        lanes: L,
-        ray: &Ray,
-    ) -> Option<Met> {
-        let tree = *self;
-        let root = tree.top.root()?;
-        let moment = Moment::new(tree.keys, ray.time);
-        let lattice_ray = LatticeRay::new(&tree.lattice, ray, tree.reach);
-        let mut walk = Walk::<MOVES> {
-            tree,
-            number: 0,
-            // Replaced before it is looked at: the root leads to a patch.
-            patch: tree.patches.first()?,
-            moment: &moment,
-            t_min: ray.t_min,
-            t_max: ray.t_max,
-            ray: lattice_ray,
-        };
-        let mut nearest = None;
-        let mut near = [0.0; LANES];
-        let mut stack = Stack::default();
-        let mut next = Some(Waiting::child(0.0, root));
-        while let Some(at) = next {
-            next = match at.place() {
-                Place::Node(node) => {
-                    let (moment, ray) = (walk.moment, &walk.ray);
-                    (tree.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
-                }
-                Place::Patch(number) => {
-                    walk.number = number;
-                    walk.patch = &tree.patches[number as usize];
-                    // Before all other patches.
-                    if walk.patch.is_single() {
-                        Some(Waiting::part(at.near(), 0))
-                    } else {
-                        let hits = walk.tiles(lanes, &mut near);
-                        stack.add(hits, |c| Waiting::part(near[c], c))
-                    }
-                }
-                Place::Part(tile) => {
-                    if let Some(met) = walk.tile(lanes, tile) {
-                        nearest = Some(met);
-                        if ANY {
-                            return nearest;
-                        }
-                        walk.t_max = met.t;
-                        walk.ray.end(met.t);
-                    }
-                    None
-                }
-            };
-            if next.is_none() {
-                next = stack.next(walk.ray.t_max);
-            }
-        }
-        nearest
-    }
-}
-
-struct Walk<'a, const MOVES: bool> {
+pub(super) struct Walk<'a, const MOVES: bool> {
     tree: &'a Compressed,
     /// The patch at hand.
     number: u32,
@@ -119,13 +39,71 @@ struct Walk<'a, const MOVES: bool> {
     ray: LatticeRay,
 }
 
+impl<const MOVES: bool> Visitor for Walk<'_, MOVES> {
+    type Met = Met;
+
+    #[inline(always)]
+    fn t_max(&self) -> f32 {
+        self.ray.t_max
+    }
+
+    #[inline(always)]
+    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
+        (self.tree.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    }
+
+    #[inline(always)]
+    fn patch<L: Lanes>(
+        &mut self,
+        lanes: L,
+        patch: u32,
+        near: f32,
+        stack: &mut Stack,
+    ) -> Found<Met> {
+        self.number = patch;
+        self.patch = &self.tree.patches[patch as usize];
+        // Before all other patches.
+        if self.patch.is_single() {
+            return Found::Next(Some(Waiting::part(near, 0)));
+        }
+        let mut near = [0.0; LANES];
+        let hits = self.tiles(lanes, &mut near);
+        Found::Next(stack.add(hits, |c| Waiting::part(near[c], c)))
+    }
+
+    #[inline(always)]
+    fn part<L: Lanes>(&mut self, lanes: L, part: usize, _stack: &mut Stack) -> Found<Met> {
+        let met = self.tile(lanes, part);
+        if let Some(met) = &met {
+            self.t_max = met.t;
+            self.ray.end(met.t);
+        }
+        met.into()
+    }
+}
+
 /// What u, v and h are in a tile, about.
 const REACHES: [f32; 3] = [16.0, 16.0, 512.0];
 
 /// Smaller steps of u, v or h along a ray are taken for this: over the longest way through a lattice it does not matter.
 const LEAST: f32 = 1.0 / (1_u64 << 44) as f32;
 
-impl<const MOVES: bool> Walk<'_, MOVES> {
+impl<'a, const MOVES: bool> Walk<'a, MOVES> {
+    /// A ray at the root; none if there is nothing in the tree.
+    #[inline(always)]
+    pub(super) fn new(tree: &'a Compressed, moment: &'a Moment, ray: &Ray) -> Option<Self> {
+        Some(Self {
+            tree,
+            number: 0,
+            // Replaced before it is looked at: the root leads to a patch.
+            patch: tree.patches.first()?,
+            moment,
+            t_min: ray.t_min,
+            t_max: ray.t_max,
+            ray: LatticeRay::new(&tree.lattice, ray, tree.reach),
+        })
+    }
+
     /// The tiles of the patch that the ray meets, as bits, and where it enters each.
     #[inline(always)]
     fn tiles<L: Lanes>(&self, lanes: L, entries: &mut [f32; LANES]) -> u32 {

@@ -2,6 +2,7 @@
 
 use super::part::Part;
 use super::*;
+use crate::accel::Intersector;
 use crate::accel::simd::LANES;
 use crate::math::Vec3;
 use crate::surface::tests::shapes::{Patches, Random};

@@ -58,20 +58,20 @@ mod woven;
 
 use mapped::Large;
 
+use super::Hit;
 use super::lattice::Lattice;
 use super::moment::Moment;
 use super::quads::SIDE;
-use super::simd::Isa;
+use super::simd::{Isa, Lanes};
 use super::top::Top;
-use super::traversal::{any, nearest};
-use super::{Hit, Intersector};
-use crate::math::{Bounds3, DVec3, Ray, Vec2};
+use super::traversal::{Tree, Trunk, visit};
+use crate::math::{DVec3, Ray, Vec2};
 use crate::stats::AchievedError;
 use crate::surface::{ShellError, ShellTolerance};
 use edges::Plan;
 use face::{Corner, Face, Patch};
 use heights::Heights;
-use traverse::Met;
+use traverse::{Met, Walk};
 
 /// How to build.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -123,15 +123,7 @@ impl Dbvh {
     /// How far what is traced is from the displaced limit surface at the same parameters, along its normal. Where the
     /// image is looked up may be off by a little beside that: see [`ShellError::shift`].
     pub fn achieved(&self) -> AchievedError {
-        let diagonal = f64::from(self.shell.diagonal.max(f32::MIN_POSITIVE));
-        AchievedError {
-            max_diagonals: f64::from(self.shell.displaced) / diagonal,
-            rms_diagonals: f64::from(self.shell.rms) / diagonal,
-            max_pixels: self
-                .pixels_per_unit
-                .map(|p| f64::from(p * self.shell.displaced)),
-            vertices: self.shell.places,
-        }
+        self.shell.achieved(self.pixels_per_unit)
     }
 
     /// How many micro-triangles rays may meet.
@@ -141,6 +133,31 @@ impl Dbvh {
 
     fn keys(&self) -> u32 {
         self.corners.len() as u32
+    }
+}
+
+impl Tree for Dbvh {
+    type Met = Met;
+
+    #[inline(always)]
+    fn trunk(&self) -> Trunk<'_> {
+        Trunk {
+            isa: self.isa,
+            keys: self.keys(),
+            lattice: &self.lattice,
+            top: &self.top,
+        }
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let moment = &Moment::new(self.keys(), ray.time);
+        let mut walk = Walk::<MOVES>::new(self, moment, ray)?;
+        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
     }
 
     fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {
@@ -177,30 +194,8 @@ impl Dbvh {
             error: (distance * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
         }
     }
-}
 
-impl Intersector for Dbvh {
-    fn primitives(&self) -> u32 {
-        1
-    }
-
-    fn keys(&self) -> u32 {
-        self.keys()
-    }
-
-    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
-        self.lattice.bounds(&self.top.extent(key as usize))
-    }
-
-    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        nearest(&mut &*self, ray)
-    }
-
-    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        any(&mut &*self, ray)
-    }
-
-    fn memory(&self) -> usize {
+    fn bytes(&self) -> usize {
         let corners: usize = self.corners.iter().map(|c| size_of_val(c.as_slice())).sum();
         let kept: usize = self.kept.iter().map(|k| size_of_val(k.as_slice())).sum();
         corners

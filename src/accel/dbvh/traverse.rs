@@ -7,14 +7,13 @@ use super::heights::{Reader, ends};
 use super::part::{FAN, Part};
 use super::shadows::{Parts, Straight};
 use super::woven::{Net, Woven};
-use crate::accel::Hit;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::quads::Sheared;
-use crate::accel::simd::{Isa, LANES, Lanes};
-use crate::accel::traversal::Traversal;
+use crate::accel::simd::{LANES, Lanes};
+use crate::accel::traversal::{Found, Visitor};
 use crate::accel::triangle::TriangleHit;
-use crate::accel::waiting::{Place, Stack, Waiting};
+use crate::accel::waiting::{Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met a triangle.
@@ -30,97 +29,7 @@ pub(in crate::accel) struct Met {
     pub(super) second: bool,
 }
 
-impl Traversal for &Dbvh {
-    type Met = Met;
-
-    #[inline(always)]
-    fn isa(&self) -> Isa {
-        self.isa
-    }
-
-    #[inline(always)]
-    fn moves(&self) -> bool {
-        self.corners.len() > 1
-    }
-
-    #[inline(always)]
-    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
-        self.hit_on(ray, met)
-    }
-
-    #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &mut self,
-        lanes: L,
-        ray: &Ray,
-    ) -> Option<Met> {
-        let tree = *self;
-        let root = tree.top.root()?;
-        let moment = Moment::new(tree.corners.len() as u32, ray.time);
-        // Replaced before it is looked at: the root leads to a patch.
-        let patch = tree.patches.first()?;
-        let face = tree.faces.first()?;
-        let mut walk = Walk::<MOVES> {
-            tree,
-            reader: tree.heights.reader(),
-            number: 0,
-            patch,
-            face,
-            quad: Quad {
-                p: [[0.0; 4]; 3],
-                n: [[0.0; 4]; 3],
-            },
-            z: 0.0,
-            straight: None,
-            rounding: 0.0,
-            place: 0,
-            moment: &moment,
-            world: *ray,
-            ray: LatticeRay::new(&tree.lattice, ray, tree.reach),
-        };
-        let mut nearest = None;
-        let mut near = [0.0; LANES];
-        let mut stack = Stack::default();
-        let mut next = Some(Waiting::child(0.0, root));
-        while let Some(at) = next {
-            next = match at.place() {
-                Place::Node(node) => {
-                    let (moment, ray) = (walk.moment, &walk.ray);
-                    (tree.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
-                }
-                Place::Patch(number) => {
-                    walk.enter(number);
-                    // Before all other patches.
-                    let root = walk.face.root(walk.patch);
-                    Some(Waiting::part(at.near(), root.number()))
-                }
-                Place::Part(number) => {
-                    let part = Part::of_number(number);
-                    if part.level > 0 {
-                        let hits = walk.parts(lanes, &part, &mut near);
-                        stack.add(hits, |c| Waiting::part(near[c], part.child(c).number()))
-                    } else {
-                        if let Some(met) = walk.block(lanes, &part) {
-                            nearest = Some(met);
-                            if ANY {
-                                return nearest;
-                            }
-                            walk.world.t_max = met.hit.t;
-                            walk.ray.end(met.hit.t);
-                        }
-                        None
-                    }
-                }
-            };
-            if next.is_none() {
-                next = stack.next(walk.ray.t_max);
-            }
-        }
-        nearest
-    }
-}
-
-struct Walk<'a, const MOVES: bool> {
+pub(super) struct Walk<'a, const MOVES: bool> {
     tree: &'a Dbvh,
     reader: Reader<'a>,
     /// The patch at hand.
@@ -155,7 +64,76 @@ fn shear_point(ray: &LatticeRay, p: [f32; 3]) -> [f32; 3] {
     shear(ray, [0, 1, 2].map(|k| p[k] - ray.origin[k]))
 }
 
-impl<const MOVES: bool> Walk<'_, MOVES> {
+impl<const MOVES: bool> Visitor for Walk<'_, MOVES> {
+    type Met = Met;
+
+    #[inline(always)]
+    fn t_max(&self) -> f32 {
+        self.ray.t_max
+    }
+
+    #[inline(always)]
+    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
+        (self.tree.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    }
+
+    #[inline(always)]
+    fn patch<L: Lanes>(
+        &mut self,
+        _lanes: L,
+        patch: u32,
+        near: f32,
+        _stack: &mut Stack,
+    ) -> Found<Met> {
+        self.enter(patch);
+        // Before all other patches.
+        let root = self.face.root(self.patch);
+        Found::Next(Some(Waiting::part(near, root.number())))
+    }
+
+    #[inline(always)]
+    fn part<L: Lanes>(&mut self, lanes: L, part: usize, stack: &mut Stack) -> Found<Met> {
+        let part = Part::of_number(part);
+        if part.level > 0 {
+            let mut near = [0.0; LANES];
+            let hits = self.parts(lanes, &part, &mut near);
+            let next = stack.add(hits, |c| Waiting::part(near[c], part.child(c).number()));
+            return Found::Next(next);
+        }
+        let met = self.block(lanes, &part);
+        if let Some(met) = &met {
+            self.world.t_max = met.hit.t;
+            self.ray.end(met.hit.t);
+        }
+        met.into()
+    }
+}
+
+impl<'a, const MOVES: bool> Walk<'a, MOVES> {
+    /// A ray at the root; none if there is nothing in the tree.
+    #[inline(always)]
+    pub(super) fn new(tree: &'a Dbvh, moment: &'a Moment, ray: &Ray) -> Option<Self> {
+        Some(Self {
+            tree,
+            reader: tree.heights.reader(),
+            number: 0,
+            // Replaced before it is looked at: the root leads to a patch.
+            patch: tree.patches.first()?,
+            face: tree.faces.first()?,
+            quad: Quad {
+                p: [[0.0; 4]; 3],
+                n: [[0.0; 4]; 3],
+            },
+            z: 0.0,
+            straight: None,
+            rounding: 0.0,
+            place: 0,
+            moment,
+            world: *ray,
+            ray: LatticeRay::new(&tree.lattice, ray, tree.reach),
+        })
+    }
+
     #[inline(always)]
     fn enter(&mut self, number: u32) {
         let tree = self.tree;

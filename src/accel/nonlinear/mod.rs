@@ -66,19 +66,20 @@ mod sheets;
 mod tests;
 mod walk;
 
+use super::Hit;
 use super::lattice::Lattice;
 use super::moment::Moment;
-use super::simd::Isa;
+use super::prism::corners_at;
+use super::simd::{Isa, Lanes};
 use super::top::Top;
-use super::traversal::{any, nearest};
-use super::{Hit, Intersector};
-use crate::math::{Bounds3, DVec3, Ray, Vec2, Vec3};
+use super::traversal::{Tree, Trunk, visit};
+use crate::math::{DVec3, Ray, Vec2, Vec3};
 use crate::stats::AchievedError;
 use crate::surface::EdgeUse;
 use edges::Edges;
 use field::{Ranges, Size};
 use meet::Shifts;
-use walk::Met;
+use walk::{Met, Walk};
 
 /// A surface of prisms and heights.
 pub struct Nonlinear {
@@ -334,21 +335,8 @@ impl Nonlinear {
     #[inline(always)]
     fn corners(&self, first: usize, moment: &Moment) -> [[DVec3; 2]; 4] {
         let row = self.cuts as usize + 1;
-        let all = self.corners.len() / self.keys as usize;
-        let at = |next: usize| {
-            let [p, n] = &self.corners[first + next + moment.from * all];
-            let from = [p.as_dvec3(), n.as_dvec3()];
-            if moment.from == moment.to {
-                return from;
-            }
-            let [p, n] = &self.corners[first + next + moment.to * all];
-            let [a, b] = [f64::from(moment.weights[0]), f64::from(moment.weights[1])];
-            [
-                a * from[0] + b * p.as_dvec3(),
-                a * from[1] + b * n.as_dvec3(),
-            ]
-        };
-        [at(0), at(1), at(row), at(row + 1)]
+        let numbers = [first, first + 1, first + row, first + row + 1];
+        corners_at(&self.corners, numbers, self.keys, moment)
     }
 
     /// The heights of a micro-quad's corners at a moment.
@@ -385,6 +373,31 @@ impl Nonlinear {
         let to = meet::shift(&self.shifts[first + moment.to], weights);
         let [a, b] = [f64::from(moment.weights[0]), f64::from(moment.weights[1])];
         [a * from[0] + b * to[0], a * from[1] + b * to[1]]
+    }
+}
+
+impl Tree for Nonlinear {
+    type Met = Met;
+
+    #[inline(always)]
+    fn trunk(&self) -> Trunk<'_> {
+        Trunk {
+            isa: self.isa,
+            keys: self.keys,
+            lattice: &self.lattice,
+            top: &self.top,
+        }
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let moment = &Moment::new(self.keys, ray.time);
+        let mut walk = Walk::<MOVES>::new(self, moment, ray);
+        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
     }
 
     fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {
@@ -453,30 +466,8 @@ impl Nonlinear {
             error: (distance * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
         }
     }
-}
 
-impl Intersector for Nonlinear {
-    fn primitives(&self) -> u32 {
-        1
-    }
-
-    fn keys(&self) -> u32 {
-        self.keys
-    }
-
-    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
-        self.lattice.bounds(&self.top.extent(key as usize))
-    }
-
-    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        nearest(&mut &*self, ray)
-    }
-
-    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        any(&mut &*self, ray)
-    }
-
-    fn memory(&self) -> usize {
+    fn bytes(&self) -> usize {
         self.top.memory()
             + size_of_val(self.quads.as_slice())
             + size_of_val(self.faces.as_slice())

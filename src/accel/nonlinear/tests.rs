@@ -3,9 +3,11 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::accel::Intersector;
 use crate::accel::tests::{met_in_double, random_ray};
 use crate::accel::traversal::place;
 use crate::error::Error;
+use crate::math::Bounds3;
 use crate::math::DVec2;
 use crate::surface::tests::shapes::{Patches, Random};
 use crate::surface::tests::{closed, displacements, effort, leaks, mixed, surface};

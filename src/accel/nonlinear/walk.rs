@@ -13,13 +13,12 @@ use super::curve::{Curve, MOST_PIECES, Piece};
 use super::field::{LEVELS, Size};
 use super::lined::{Lined, Node};
 use super::{Nonlinear, Quad, micro};
-use crate::accel::Hit;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::prism::{Parts, Pole, Sheared, Side, Span, find};
-use crate::accel::simd::{Isa, LANES, Lanes};
-use crate::accel::traversal::Traversal;
-use crate::accel::waiting::{Place, Stack, Waiting};
+use crate::accel::prism::{Parts, Pole, Sheared, Span, cross, of_half};
+use crate::accel::simd::{LANES, Lanes};
+use crate::accel::traversal::{Found, Visitor};
+use crate::accel::waiting::{Stack, Waiting};
 use crate::math::Ray;
 
 /// Where a ray met the surface.
@@ -36,72 +35,7 @@ pub(in crate::accel) struct Met {
     pub(super) wall: Option<(usize, bool)>,
 }
 
-impl Traversal for &Nonlinear {
-    type Met = Met;
-
-    #[inline(always)]
-    fn isa(&self) -> Isa {
-        self.isa
-    }
-
-    #[inline(always)]
-    fn moves(&self) -> bool {
-        self.keys > 1
-    }
-
-    #[inline(always)]
-    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
-        self.hit_on(ray, met)
-    }
-
-    #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &mut self,
-        lanes: L,
-        ray: &Ray,
-    ) -> Option<Met> {
-        let of = *self;
-        let root = of.top.root()?;
-        let moment = Moment::new(of.keys, ray.time);
-        let mut walk = Walk::<MOVES> {
-            of,
-            moment: &moment,
-            sheared: Sheared::new(ray),
-            t_min: ray.t_min,
-            t_max: ray.t_max,
-            ray: LatticeRay::new(&of.lattice, ray, of.reach),
-        };
-        let mut nearest = None;
-        let mut stack = Stack::default();
-        let mut next = Some(Waiting::child(0.0, root));
-        while let Some(at) = next {
-            next = match at.place() {
-                Place::Node(node) => {
-                    let (moment, ray) = (walk.moment, &walk.ray);
-                    (of.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
-                }
-                Place::Patch(number) => {
-                    if let Some(met) = walk.quad(lanes, number) {
-                        nearest = Some(met);
-                        if ANY {
-                            return nearest;
-                        }
-                        walk.t_max = met.t;
-                        walk.ray.end(met.t);
-                    }
-                    None
-                }
-                Place::Part(_) => None,
-            };
-            if next.is_none() {
-                next = stack.next(walk.ray.t_max);
-            }
-        }
-        nearest
-    }
-}
-
-struct Walk<'a, const MOVES: bool> {
+pub(super) struct Walk<'a, const MOVES: bool> {
     of: &'a Nonlinear,
     moment: &'a Moment,
     sheared: Sheared,
@@ -112,35 +46,67 @@ struct Walk<'a, const MOVES: bool> {
     ray: LatticeRay,
 }
 
+impl<const MOVES: bool> Visitor for Walk<'_, MOVES> {
+    type Met = Met;
+
+    #[inline(always)]
+    fn t_max(&self) -> f32 {
+        self.ray.t_max
+    }
+
+    #[inline(always)]
+    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
+        (self.of.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    }
+
+    #[inline(always)]
+    fn patch<L: Lanes>(
+        &mut self,
+        lanes: L,
+        patch: u32,
+        _near: f32,
+        _stack: &mut Stack,
+    ) -> Found<Met> {
+        let met = self.quad(lanes, patch);
+        if let Some(met) = &met {
+            self.t_max = met.t;
+            self.ray.end(met.t);
+        }
+        met.into()
+    }
+}
+
 /// Each level leaves six of its children behind.
 const MOST_WAITING: usize = 6 * LEVELS + 1;
 
-impl<const MOVES: bool> Walk<'_, MOVES> {
+impl<'a, const MOVES: bool> Walk<'a, MOVES> {
+    /// A ray at the root.
+    #[inline(always)]
+    pub(super) fn new(of: &'a Nonlinear, moment: &'a Moment, ray: &Ray) -> Self {
+        Self {
+            of,
+            moment,
+            sheared: Sheared::new(ray),
+            t_min: ray.t_min,
+            t_max: ray.t_max,
+            ray: LatticeRay::new(&of.lattice, ray, of.reach),
+        }
+    }
+
     /// The nearest hit on a quad.
     #[inline(always)]
     fn quad<L: Lanes>(&self, lanes: L, number: u32) -> Option<Met> {
         let leaf = &self.of.quads[number as usize];
-        let [a, b, c, d] = self.of.corners(self.of.corner(leaf), self.moment);
-        let poles = [
-            self.sheared.pole(a),
-            self.sheared.pole(b),
-            self.sheared.pole(c),
-            self.sheared.pole(d),
-        ];
-        let [a, b, c, d] = &poles;
+        let corners = self.of.corners(self.of.corner(leaf), self.moment);
         let heights = [f64::from(leaf.low) - 1.0, f64::from(leaf.high) + 1.0];
-        let side = |i, j| Side::new(i, j, heights);
-        let diagonal = side(b, c);
-        let triangles = [[a, b, c], [d, c, b]];
-        let sides = [
-            [diagonal, side(c, a), side(a, b)],
-            [diagonal.reversed(), side(b, d), side(d, c)],
-        ];
         let mut parts = Parts::new([self.t_min, self.t_max]);
-        for k in 0..2 {
-            let which = (k, leaf.may_fold());
-            find(&mut parts, triangles[k], sides[k], heights, which);
-        }
+        let poles = cross(
+            &mut parts,
+            &self.sheared,
+            &corners,
+            heights,
+            leaf.may_fold(),
+        );
         if parts.all.is_empty() {
             return None;
         }
@@ -153,7 +119,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         let mut t_max = self.t_max;
         let mut nearest: Option<Met> = None;
         while let Some((span, triangle)) = parts.next(t_max) {
-            let (corners, uvs) = (triangles[*triangle], &uvs[*triangle]);
+            let (corners, uvs) = (of_half(&poles, *triangle), &uvs[*triangle]);
             let wall = |end: usize| self.wall((number, quad), (span, end), *triangle, uvs, t_max);
             let mut met = wall(0);
             // No closure: it would not be compiled for the instruction set.

@@ -21,7 +21,8 @@ mod lifted;
 
 use arrayvec::ArrayVec;
 
-use crate::math::{DVec3, Ray, quadratic};
+use super::moment::Moment;
+use crate::math::{DVec3, Ray, Vec3, quadratic};
 pub(in crate::accel) use fold::may_fold;
 use fold::unfold;
 pub(in crate::accel) use lifted::{Corners, Lifted};
@@ -110,9 +111,51 @@ impl Pole {
     }
 }
 
+/// The corners of a quad's triangles: at the least u and v, the greater u, the greater v, both.
+pub(in crate::accel) const HALVES: [[usize; 3]; 2] = [[0, 1, 2], [3, 2, 1]];
+
+/// What the corners of one of a quad's triangles have.
+#[inline(always)]
+pub(in crate::accel) fn of_half<T>(corners: &[T; 4], half: usize) -> [&T; 3] {
+    let [a, b, c] = HALVES[half];
+    [&corners[a], &corners[b], &corners[c]]
+}
+
+/// The lines of a quad's corners at a moment: points, and what a step of height adds. `all` are those of the surface, key by key.
+#[inline(always)]
+pub(in crate::accel) fn corners_at(
+    all: &[[Vec3; 2]],
+    [a, b, c, d]: [usize; 4],
+    keys: u32,
+    moment: &Moment,
+) -> [[DVec3; 2]; 4] {
+    let of_key = all.len() / keys as usize;
+    [
+        corner_at(all, a, of_key, moment),
+        corner_at(all, b, of_key, moment),
+        corner_at(all, c, of_key, moment),
+        corner_at(all, d, of_key, moment),
+    ]
+}
+
+#[inline(always)]
+fn corner_at(all: &[[Vec3; 2]], number: usize, of_key: usize, moment: &Moment) -> [DVec3; 2] {
+    let [p, n] = &all[number + moment.from * of_key];
+    let from = [p.as_dvec3(), n.as_dvec3()];
+    if moment.from == moment.to {
+        return from;
+    }
+    let [p, n] = &all[number + moment.to * of_key];
+    let [a, b] = [f64::from(moment.weights[0]), f64::from(moment.weights[1])];
+    [
+        a * from[0] + b * p.as_dvec3(),
+        a * from[1] + b * n.as_dvec3(),
+    ]
+}
+
 /// U of a side, by powers of h, and its Bernstein coefficients between the quad's heights.
 #[derive(Debug, Clone, Copy)]
-pub(in crate::accel) struct Side {
+struct Side {
     powers: [f64; 3],
     bernstein: [f64; 3],
 }
@@ -215,9 +258,46 @@ impl Parts {
     }
 }
 
+/// Finds the parts of the ray between two heights in the prisms over a quad; the lines of its corners as the ray sees them.
+#[inline(always)]
+pub(in crate::accel) fn cross(
+    parts: &mut Parts,
+    sheared: &Sheared,
+    corners: &[[DVec3; 2]; 4],
+    heights: [f64; 2],
+    may_fold: bool,
+) -> [Pole; 4] {
+    let poles = [
+        sheared.pole(corners[0]),
+        sheared.pole(corners[1]),
+        sheared.pole(corners[2]),
+        sheared.pole(corners[3]),
+    ];
+    let [a, b, c, d] = &poles;
+    let diagonal = Side::new(b, c, heights);
+    let sides = [
+        [diagonal, Side::new(c, a, heights), Side::new(a, b, heights)],
+        [
+            diagonal.reversed(),
+            Side::new(b, d, heights),
+            Side::new(d, c, heights),
+        ],
+    ];
+    for (half, sides) in sides.into_iter().enumerate() {
+        find(
+            parts,
+            of_half(&poles, half),
+            sides,
+            heights,
+            (half, may_fold),
+        );
+    }
+    poles
+}
+
 /// Finds the parts of the ray between two heights in the prism of a triangle: three corners, and the sides opposite.
 #[inline(always)]
-pub(in crate::accel) fn find(
+fn find(
     parts: &mut Parts,
     corners: [&Pole; 3],
     sides: [Side; 3],

@@ -120,12 +120,13 @@ impl Bent {
         // How far t has come, times the denominator.
         let p = per_t * (self.t[1] - t0 * d[1]);
         let q = per_t * (self.t[2] - t0 * d[2]);
+        let per_d = [1.0 / d[0], 1.0 / d[1], 1.0 / d[2], 1.0 / d[3]];
         for k in 0..3 {
             let x = &self.uvw[k];
-            let from = x[0] / d[0];
-            let along = x[3] / d[3] - from;
-            let first = (x[1] - from * d[1] - along * p) / d[1];
-            let second = (x[2] - from * d[2] - along * q) / d[2];
+            let from = x[0] * per_d[0];
+            let along = x[3] * per_d[3] - from;
+            let first = (x[1] - from * d[1] - along * p) * per_d[1];
+            let second = (x[2] - from * d[2] - along * q) * per_d[2];
             chord.from[k] = from;
             chord.along[k] = along;
             chord.off[k] = first.abs().max(second.abs());

@@ -5,13 +5,13 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::tile::Tile;
-use super::{HALVES, MARGIN, Quad, Tiled};
+use super::{MARGIN, Quad, Tiled};
 use crate::accel::lattice::{Extent, Lattice};
-use crate::accel::prism::{Lifted, may_fold};
+use crate::accel::prism::{HALVES, Lifted, may_fold};
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Fault, Result};
-use crate::math::{Bounds3, DVec3, Vec2, Vec3};
+use crate::math::{Bounds3, DVec3, DisjointSets, Vec2, Vec3};
 use crate::surface::{FaceGrid, Rates, Shell, ShellTolerance, Surface, Tiles};
 
 /// Quads along an edge of a face at most.
@@ -171,33 +171,20 @@ fn even(surface: &Surface, shell: &Shell) -> Rates {
     for grid in shell.grids() {
         sizes[grid.face as usize] = grid.size;
     }
-    // The edge that stands for all that are opposite of one another.
-    let mut stands: Vec<usize> = Vec::new();
-    fn find(stands: &mut Vec<usize>, mut edge: usize) -> usize {
-        while stands.len() <= edge {
-            stands.push(stands.len());
-        }
-        while stands[edge] != edge {
-            stands[edge] = stands[stands[edge]];
-            edge = stands[edge];
-        }
-        edge
-    }
+    let sides = || (0..base.faces()).flat_map(|face| (0..4).map(move |k| (face, k)));
+    let count = sides().map(|(face, k)| edge(face, k) + 1).max();
+    let mut strips = DisjointSets::new(count.unwrap_or(0));
     for face in 0..base.faces() {
-        for k in 0..2 {
-            let [a, b] = [k, k + 2].map(|k| find(&mut stands, edge(face, k)));
-            stands[a.max(b)] = a.min(b);
-        }
+        strips.join(edge(face, 0), edge(face, 2));
+        strips.join(edge(face, 1), edge(face, 3));
     }
-    let mut cuts = vec![1; stands.len()];
-    for (face, size) in (0..).zip(&sizes) {
-        for k in 0..2 {
-            let all = &mut cuts[find(&mut stands, edge(face, k))];
-            *all = u32::from(size[k as usize]).max(*all);
-        }
+    let mut cuts = vec![1; count.unwrap_or(0)];
+    for (face, k) in sides() {
+        let of_strip = &mut cuts[strips.least(edge(face, k))];
+        *of_strip = u32::from(sizes[face as usize][k as usize % 2]).max(*of_strip);
     }
-    let of_edge: Vec<u32> = (0..stands.len())
-        .map(|edge| cuts[find(&mut stands, edge)])
+    let of_edge: Vec<u32> = (0..cuts.len())
+        .map(|edge| cuts[strips.least(edge)])
         .collect();
     Rates::by_edge(surface, |edge| of_edge[edge as usize])
 }

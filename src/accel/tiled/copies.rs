@@ -3,7 +3,8 @@
 use rayon::prelude::*;
 
 use super::tile::{Half, clipped};
-use super::{HALVES, Quad, Tiled};
+use super::{Quad, Tiled};
+use crate::accel::prism::HALVES;
 use crate::error::{Error, Result};
 use crate::math::{DVec2, DVec3, Vec2, Vec3};
 

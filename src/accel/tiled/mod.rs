@@ -47,18 +47,19 @@ mod tests;
 mod tile;
 mod walk;
 
+use super::Hit;
 use super::lattice::Lattice;
 use super::moment::Moment;
-use super::simd::Isa;
+use super::prism::{HALVES, corners_at, of_half};
+use super::simd::{Isa, Lanes};
 use super::top::Top;
-use super::traversal::{any, nearest};
-use super::{Hit, Intersector};
-use crate::math::{Bounds3, DVec2, DVec3, Ray, Vec2, Vec3};
+use super::traversal::{Tree, Trunk, visit};
+use crate::math::{DVec2, DVec3, Ray, Vec2, Vec3};
 use crate::stats::AchievedError;
 use crate::surface::ShellError;
 pub use copies::Copies;
 use tile::Tile;
-use walk::Met;
+use walk::{Met, Walk};
 
 /// What may be rounded, in tiles and in their heights: prisms reach so much farther than what stands in them.
 const MARGIN: f64 = 1e-6;
@@ -119,47 +120,16 @@ impl Quad {
     }
 }
 
-/// The corners of a quad's triangles: at the least u and v, the greater u, the greater v, both.
-const HALVES: [[usize; 3]; 2] = [[0, 1, 2], [3, 2, 1]];
-
 impl Tiled {
     /// How far what stands in prisms is from where it would be over the limit surface itself.
     pub fn achieved(&self) -> AchievedError {
-        let diagonal = f64::from(self.shell.diagonal.max(f32::MIN_POSITIVE));
-        AchievedError {
-            max_diagonals: f64::from(self.shell.displaced) / diagonal,
-            rms_diagonals: f64::from(self.shell.rms) / diagonal,
-            max_pixels: None,
-            vertices: self.shell.places,
-        }
+        self.shell.achieved(None)
     }
 
     /// A quad's corners at a moment.
     #[inline(always)]
     fn corners(&self, quad: &Quad, moment: &Moment) -> [[DVec3; 2]; 4] {
-        let all = self.corners.len() / self.keys as usize;
-        let [a, b, c, d] = quad.numbers();
-        [
-            self.corner(a, all, moment),
-            self.corner(b, all, moment),
-            self.corner(c, all, moment),
-            self.corner(d, all, moment),
-        ]
-    }
-
-    #[inline(always)]
-    fn corner(&self, number: usize, all: usize, moment: &Moment) -> [DVec3; 2] {
-        let [p, n] = &self.corners[number + moment.from * all];
-        let from = [p.as_dvec3(), n.as_dvec3()];
-        if moment.from == moment.to {
-            return from;
-        }
-        let [p, n] = &self.corners[number + moment.to * all];
-        let [a, b] = [f64::from(moment.weights[0]), f64::from(moment.weights[1])];
-        [
-            a * from[0] + b * p.as_dvec3(),
-            a * from[1] + b * n.as_dvec3(),
-        ]
+        corners_at(&self.corners, quad.numbers(), self.keys, moment)
     }
 
     /// u and v at the corners of both triangles of a quad.
@@ -182,16 +152,41 @@ impl Tiled {
         let uv = (two(quad.place) + at) / two(quad.size);
         uv.clamp(DVec2::ZERO, DVec2::ONE).as_vec2()
     }
+}
+
+impl Tree for Tiled {
+    type Met = Met;
+
+    #[inline(always)]
+    fn trunk(&self) -> Trunk<'_> {
+        Trunk {
+            isa: self.isa,
+            keys: self.keys,
+            lattice: &self.lattice,
+            top: &self.top,
+        }
+    }
+
+    #[inline(always)]
+    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
+        &self,
+        lanes: L,
+        ray: &Ray,
+    ) -> Option<Met> {
+        let moment = &Moment::new(self.keys, ray.time);
+        let mut walk = Walk::<ANY, MOVES>::new(self, moment, ray);
+        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
+    }
 
     fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {
         let quad = &self.quads[met.quad as usize];
         let moment = Moment::new(self.keys, ray.time);
         let corners = self.corners(quad, &moment);
-        let of_half = HALVES[met.half].map(|c| corners[c]);
-        let at = of_half.map(|[p, n]| p + met.w * n);
+        let corners = of_half(&corners, met.half);
+        let at = corners.map(|&[p, n]| p + met.w * n);
         let (e1, e2) = (at[1] - at[0], at[2] - at[0]);
         let weighted = |of: [DVec3; 3]| (0..3).map(|k| met.weights[k] * of[k]).sum::<DVec3>();
-        let n = weighted(of_half.map(|[_, n]| n));
+        let n = weighted(corners.map(|&[_, n]| n));
 
         // The triangle's normal in u, v and w, by the triangle's own coordinates, and what the adjugate makes of it.
         let [a, b, c] = self.tile.corners(self.tile.placed[met.placed as usize]);
@@ -220,30 +215,8 @@ impl Tiled {
             error: (gap.length() * (1.0 + 1e-6)) as f32 + f32::MIN_POSITIVE,
         }
     }
-}
 
-impl Intersector for Tiled {
-    fn primitives(&self) -> u32 {
-        1
-    }
-
-    fn keys(&self) -> u32 {
-        self.keys
-    }
-
-    fn bounds(&self, _p: u32, key: u32) -> Bounds3 {
-        self.lattice.bounds(&self.top.extent(key as usize))
-    }
-
-    fn intersect(&self, _p: u32, ray: &Ray) -> Option<Hit> {
-        nearest(&mut &*self, ray)
-    }
-
-    fn occluded(&self, _p: u32, ray: &Ray) -> bool {
-        any(&mut &*self, ray)
-    }
-
-    fn memory(&self) -> usize {
+    fn bytes(&self) -> usize {
         self.top.memory()
             + size_of_val(self.quads.as_slice())
             + size_of_val(self.corners.as_slice())

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::accel::Intersector;
 use crate::accel::tests::{met_in_double, random_ray};
 use crate::accel::traversal::place;
 use crate::surface::tests::shapes::{Patches, Random};

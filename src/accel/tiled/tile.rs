@@ -101,8 +101,8 @@ impl Tile {
         }
     }
 
-    /// Of the children of a node that are triangles, those that a ray may meet that is as far off a straight one as the
-    /// latter is widened, and all others that are given, as bits.
+    /// Of the children of a node that are triangles, those that a ray may meet that is no farther off the straight one from
+    /// `origin` than that says, and all others that are given, as bits.
     #[inline(always)]
     pub(super) fn passed<L: Lanes>(
         &self,
@@ -110,6 +110,7 @@ impl Tile {
         node: &TopNode,
         met: u32,
         ray: &Straight,
+        origin: Vec3,
     ) -> u32 {
         let (patches, first) = node.patches();
         if met & patches == 0 {
@@ -121,9 +122,9 @@ impl Tile {
         let [kx, ky, kz] = ray.k;
         for corner in 0..3 {
             let of = &self.corners[corner];
-            let z = coordinate(lanes, &of[kz], first, ray.origin[kz]);
-            let from_x = coordinate(lanes, &of[kx], first, ray.origin[kx]);
-            let from_y = coordinate(lanes, &of[ky], first, ray.origin[ky]);
+            let z = coordinate(lanes, &of[kz], first, origin[kz]);
+            let from_x = coordinate(lanes, &of[kx], first, origin[kx]);
+            let from_y = coordinate(lanes, &of[ky], first, origin[ky]);
             x[corner] = lanes.sub(from_x, lanes.mul(z, lanes.floats(ray.shear[0])));
             y[corner] = lanes.sub(from_y, lanes.mul(z, lanes.floats(ray.shear[1])));
         }
@@ -182,21 +183,20 @@ fn pieces(polygon: &[DVec3]) -> Vec<Vec<DVec3>> {
     (0..count as usize).map(piece).collect()
 }
 
-/// A straight ray in a tile, which is a point in a plane: the third of its axes is the one along which it runs most, and the
+/// The way of a straight ray, which is a point in a plane: the third of its axes is the one along which it runs most, and the
 /// others are sheared along it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Straight {
-    pub(super) origin: [f32; 3],
-    pub(super) k: [usize; 3],
-    pub(super) shear: [f32; 2],
+    k: [usize; 3],
+    shear: [f32; 2],
     /// How far from it the ray itself may be in that plane.
-    pub(super) off: [f32; 2],
+    off: [f32; 2],
 }
 
 impl Straight {
-    /// From `origin` along `direction`, with `off` axis by axis.
+    /// Along `direction`, with `off` axis by axis.
     #[inline(always)]
-    pub(super) fn new(origin: Vec3, direction: Vec3, off: Vec3) -> Self {
+    pub(super) fn new(direction: Vec3, off: Vec3) -> Self {
         let size = direction.abs();
         let mut k = [1, 2, 0];
         if size.y > size[k[2]] {
@@ -208,7 +208,6 @@ impl Straight {
         let [x, y, z] = k;
         let shear = [direction[x] / direction[z], direction[y] / direction[z]];
         Self {
-            origin: origin.to_array(),
             k,
             shear,
             off: [

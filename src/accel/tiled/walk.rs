@@ -5,15 +5,14 @@ use arrayvec::ArrayVec;
 
 use super::Tiled;
 use super::bent::{Bent, Chord, beyond_root};
-use super::tile::{Placed, Straight};
-use crate::accel::Hit;
+use super::tile::{Placed, Straight, Tile};
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
-use crate::accel::prism::{Parts, Sheared, Side, Span, find};
-use crate::accel::simd::{Isa, LANES, Lanes};
-use crate::accel::traversal::Traversal;
-use crate::accel::waiting::{Place, Stack, Waiting};
-use crate::math::{DVec3, Ray, first_cubic_root};
+use crate::accel::prism::{Parts, Sheared, Span, cross, of_half};
+use crate::accel::simd::{LANES, Lanes};
+use crate::accel::traversal::{Found, Visitor, visit};
+use crate::accel::waiting::{Stack, Waiting};
+use crate::math::{DVec3, Ray, Vec3, first_cubic_root};
 
 /// Where a ray met a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,75 +27,69 @@ pub(in crate::accel) struct Met {
     pub(super) placed: u32,
 }
 
-impl Traversal for &Tiled {
-    type Met = Met;
-
-    #[inline(always)]
-    fn isa(&self) -> Isa {
-        self.isa
-    }
-
-    #[inline(always)]
-    fn moves(&self) -> bool {
-        self.keys > 1
-    }
-
-    #[inline(always)]
-    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
-        self.hit_on(ray, met)
-    }
-
-    #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &mut self,
-        lanes: L,
-        ray: &Ray,
-    ) -> Option<Met> {
-        let of = *self;
-        let root = of.top.root()?;
-        let moment = Moment::new(of.keys, ray.time);
-        let mut walk = Walk::<ANY> {
-            of,
-            moment: &moment,
-            sheared: Sheared::new(ray),
-            t: [ray.t_min.into(), ray.t_max.into()],
-        };
-        let mut on_lattice = LatticeRay::new(&of.lattice, ray, of.reach);
-        let mut nearest = None;
-        let mut stack = Stack::default();
-        let mut next = Some(Waiting::child(0.0, root));
-        while let Some(at) = next {
-            next = match at.place() {
-                Place::Node(node) => {
-                    let (moment, ray) = (walk.moment, &on_lattice);
-                    (of.top).enter::<L, MOVES>(lanes, node, moment, ray, &mut stack)
-                }
-                Place::Patch(number) => {
-                    if let Some(met) = walk.quad(lanes, number) {
-                        nearest = Some(met);
-                        if ANY {
-                            return nearest;
-                        }
-                        on_lattice.end(met.t);
-                    }
-                    None
-                }
-                Place::Part(_) => None,
-            };
-            if next.is_none() {
-                next = stack.next(on_lattice.t_max);
-            }
-        }
-        nearest
-    }
-}
-
-struct Walk<'a, const ANY: bool> {
+pub(super) struct Walk<'a, const ANY: bool, const MOVES: bool> {
     of: &'a Tiled,
     moment: &'a Moment,
     sheared: Sheared,
     /// What is asked about; it ends at the nearest hit so far.
     t: [f64; 2],
+    /// On the lattice; it ends there, too.
+    ray: LatticeRay,
+}
+
+impl<const ANY: bool, const MOVES: bool> Visitor for Walk<'_, ANY, MOVES> {
+    type Met = Met;
+
+    #[inline(always)]
+    fn t_max(&self) -> f32 {
+        self.ray.t_max
+    }
+
+    #[inline(always)]
+    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
+        (self.of.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    }
+
+    #[inline(always)]
+    fn patch<L: Lanes>(
+        &mut self,
+        lanes: L,
+        patch: u32,
+        _near: f32,
+        _stack: &mut Stack,
+    ) -> Found<Met> {
+        let met = self.quad(lanes, patch);
+        if let Some(met) = &met {
+            self.ray.end(met.t);
+        }
+        met.into()
+    }
+}
+
+/// A part of a ray in a prism, and the chord that it is near.
+struct Passage<'a> {
+    /// The prism: a quad, and which of its triangles.
+    quad: u32,
+    half: usize,
+    span: &'a Span,
+    part: &'a Bent,
+    chord: Chord,
+    /// The chord across its way, wherever it starts, and by how much boxes are larger on the tile's lattice.
+    straight: Straight,
+    wider: [f32; 3],
+}
+
+/// The way through a tile, whose number is `tile`, from one place of a chord to another.
+struct InTile<'a> {
+    of: &'a Tile,
+    passage: &'a Passage<'a>,
+    tile: [f64; 2],
+    /// Where the chord's part in the tile begins, in the tile, and how far along the chord that is.
+    origin: Vec3,
+    enter: f64,
+    /// What is asked about, of the ray's own t.
+    t: [f64; 2],
+    ray: LatticeRay,
 }
 
 /// Chords are cut while the ray may be farther off than this part of a tile's side or of its height.
@@ -108,39 +101,40 @@ const MOST_HALVINGS: usize = 8;
 /// Beyond the edge of a triangle, relative to its size: so much is rounding.
 const ROUNDING: f64 = 1e-9;
 
-impl<const ANY: bool> Walk<'_, ANY> {
+impl<'a, const ANY: bool, const MOVES: bool> Walk<'a, ANY, MOVES> {
+    /// A ray at the root.
+    #[inline(always)]
+    pub(super) fn new(of: &'a Tiled, moment: &'a Moment, ray: &Ray) -> Self {
+        Self {
+            of,
+            moment,
+            sheared: Sheared::new(ray),
+            t: [ray.t_min.into(), ray.t_max.into()],
+            ray: LatticeRay::new(&of.lattice, ray, of.reach),
+        }
+    }
+
     /// The nearest hit in the prisms over a quad.
     #[inline(always)]
     fn quad<L: Lanes>(&mut self, lanes: L, number: u32) -> Option<Met> {
         let quad = self.of.quads[number as usize];
         let corners = self.of.corners(&quad, self.moment);
-        let a = &self.sheared.pole(corners[0]);
-        let b = &self.sheared.pole(corners[1]);
-        let c = &self.sheared.pole(corners[2]);
-        let d = &self.sheared.pole(corners[3]);
         let heights = [-super::MARGIN, 1.0 + super::MARGIN];
-        let diagonal = Side::new(b, c, heights);
-        let halves = [[a, b, c], [d, c, b]];
-        let sides = [
-            [diagonal, Side::new(c, a, heights), Side::new(a, b, heights)],
-            [
-                diagonal.reversed(),
-                Side::new(b, d, heights),
-                Side::new(d, c, heights),
-            ],
-        ];
         let mut parts = Parts::new([self.t[0] as f32, self.t[1] as f32]);
-        for half in 0..2 {
-            let which = (half, quad.may_fold());
-            find(&mut parts, halves[half], sides[half], heights, which);
-        }
+        let poles = cross(
+            &mut parts,
+            &self.sheared,
+            &corners,
+            heights,
+            quad.may_fold(),
+        );
         if parts.all.is_empty() {
             return None;
         }
         let uvs = self.of.uvs(&quad);
         let mut nearest = None;
         while let Some(&(span, half)) = parts.next(self.t[1] as f32) {
-            let bent = Bent::new(&span, halves[half], &uvs[half]);
+            let bent = Bent::new(&span, of_half(&poles, half), &uvs[half]);
             let met = self.bent(lanes, bent, (number, half), &span);
             if met.is_some() {
                 nearest = met;
@@ -158,7 +152,7 @@ impl<const ANY: bool> Walk<'_, ANY> {
         &mut self,
         lanes: L,
         bent: Bent,
-        which: (u32, usize),
+        (quad, half): (u32, usize),
         span: &Span,
     ) -> Option<Met> {
         let mut waiting: ArrayVec<(Bent, usize), { MOST_HALVINGS + 1 }> = ArrayVec::new();
@@ -184,7 +178,17 @@ impl<const ANY: bool> Walk<'_, ANY> {
             let Some(chord) = chord.filter(Chord::is_sound) else {
                 continue;
             };
-            let met = self.chord(lanes, &part, &chord, which, span);
+            let off = DVec3::from(chord.off);
+            let passage = Passage {
+                quad,
+                half,
+                span,
+                part: &part,
+                straight: Straight::new(DVec3::from(chord.along).as_vec3(), off.as_vec3()),
+                wider: (off / self.of.tile.lattice.step()).as_vec3().to_array(),
+                chord,
+            };
+            let met = self.chord(lanes, &passage);
             if met.is_some() {
                 nearest = met;
                 if ANY {
@@ -198,14 +202,8 @@ impl<const ANY: bool> Walk<'_, ANY> {
     /// The tiles that a chord passes, in its order: column by column along the axis on which it goes farthest, and in
     /// each the tiles across.
     #[inline(always)]
-    fn chord<L: Lanes>(
-        &mut self,
-        lanes: L,
-        part: &Bent,
-        chord: &Chord,
-        which: (u32, usize),
-        span: &Span,
-    ) -> Option<Met> {
+    fn chord<L: Lanes>(&mut self, lanes: L, passage: &Passage<'_>) -> Option<Met> {
+        let chord = &passage.chord;
         let major = usize::from(chord.along[1].abs() > chord.along[0].abs());
         let minor = 1 - major;
         let per_t = 1.0 / (chord.t[1] - chord.t[0]);
@@ -229,8 +227,7 @@ impl<const ANY: bool> Walk<'_, ANY> {
                         if major == 1 {
                             tile = [row, column];
                         }
-                        let passed = (tile, [enter, leave]);
-                        if let Some(met) = self.tile(lanes, part, chord, passed, which, span) {
+                        if let Some(met) = self.tile(lanes, passage, tile, [enter, leave]) {
                             nearest = Some(met);
                             if ANY {
                                 return nearest;
@@ -256,76 +253,94 @@ impl<const ANY: bool> Walk<'_, ANY> {
     fn tile<L: Lanes>(
         &mut self,
         lanes: L,
-        part: &Bent,
-        chord: &Chord,
-        ([i, j], [enter, leave]): ([f64; 2], [f64; 2]),
-        (quad, half): (u32, usize),
-        span: &Span,
+        passage: &Passage<'_>,
+        number: [f64; 2],
+        [enter, leave]: [f64; 2],
     ) -> Option<Met> {
         let tile = &self.of.tile;
-        let root = tile.top.root()?;
-        let (from, along) = (DVec3::from(chord.from), DVec3::from(chord.along));
+        let (from, along) = (
+            DVec3::from(passage.chord.from),
+            DVec3::from(passage.chord.along),
+        );
+        let [i, j] = number;
+        let origin = (from + enter * along - DVec3::new(i, j, 0.0)).as_vec3();
         let ray = Ray {
-            origin: (from + enter * along - DVec3::new(i, j, 0.0)).as_vec3(),
-            direction: along.as_vec3(),
-            t_min: 0.0,
             t_max: (leave - enter) as f32,
-            time: 0.0,
+            ..Ray::new(origin, along.as_vec3(), 0.0)
         };
-        let duration = chord.t[1] - chord.t[0];
-        let mut on_lattice = LatticeRay::new(&tile.lattice, &ray, tile.reach);
-        let off = DVec3::from(chord.off);
-        on_lattice.widen((off / tile.lattice.step()).as_vec3().to_array());
-        let straight = Straight::new(ray.origin, ray.direction, off.as_vec3());
-        let ends_at = |t: f64| ((t - chord.t[0]) / duration - enter) as f32;
-        on_lattice.end(ray.t_max.min(ends_at(self.t[1])));
-        let mut nearest = None;
-        let mut stack = Stack::default();
-        let mut next = Some(Waiting::child(0.0, root));
-        while let Some(at) = next {
-            next = match at.place() {
-                Place::Node(node) => {
-                    let node = tile.top.node(node, 0);
-                    let mut near = [0.0; LANES];
-                    let met = node.boxes.met(lanes, &on_lattice, &mut near);
-                    let met = met & ((1 << node.children()) - 1);
-                    let met = tile.passed(lanes, node, met, &straight);
-                    stack.add(met, |c| Waiting::child(near[c], node.child(c)))
-                }
-                Place::Patch(number) => {
-                    let placed = tile.placed[number as usize];
-                    if let Some((t, s)) = self.triangle(part, placed, [i, j]) {
-                        self.t[1] = t;
-                        let (weights, w) = weights(span, s);
-                        nearest = Some(Met {
-                            t: t as f32,
-                            quad,
-                            half,
-                            weights,
-                            w,
-                            placed: number,
-                        });
-                        if ANY {
-                            return nearest;
-                        }
-                        on_lattice.end(ends_at(t));
-                    }
-                    None
-                }
-                Place::Part(_) => None,
-            };
-            if next.is_none() {
-                next = stack.next(on_lattice.t_max);
-            }
-        }
-        nearest
+        let mut in_tile = InTile {
+            of: tile,
+            passage,
+            tile: number,
+            origin,
+            enter,
+            t: self.t,
+            ray: LatticeRay::new(&tile.lattice, &ray, tile.reach),
+        };
+        in_tile.ray.widen(passage.wider);
+        in_tile.ray.end(ray.t_max.min(in_tile.place(self.t[1])));
+        let met = visit::<L, _, ANY>(lanes, tile.top.root()?, &mut in_tile);
+        self.t = in_tile.t;
+        met
+    }
+}
+
+impl Visitor for InTile<'_> {
+    type Met = Met;
+
+    #[inline(always)]
+    fn t_max(&self) -> f32 {
+        self.ray.t_max
+    }
+
+    #[inline(always)]
+    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
+        let node = self.of.top.node(node, 0);
+        let mut near = [0.0; LANES];
+        let met = node.boxes.met(lanes, &self.ray, &mut near) & ((1 << node.children()) - 1);
+        let met = (self.of).passed(lanes, node, met, &self.passage.straight, self.origin);
+        stack.add(met, |c| Waiting::child(near[c], node.child(c)))
+    }
+
+    #[inline(always)]
+    fn patch<L: Lanes>(
+        &mut self,
+        _lanes: L,
+        patch: u32,
+        _near: f32,
+        _stack: &mut Stack,
+    ) -> Found<Met> {
+        let Some((t, s)) = self.triangle(self.of.placed[patch as usize]) else {
+            return Found::Next(None);
+        };
+        self.t[1] = t;
+        self.ray.end(self.place(t));
+        let (weights, w) = weights(self.passage.span, s);
+        Found::Met(Met {
+            t: t as f32,
+            quad: self.passage.quad,
+            half: self.passage.half,
+            weights,
+            w,
+            placed: patch,
+        })
+    }
+}
+
+impl InTile<'_> {
+    /// How far along the chord the ray is at its own t, from where this begins.
+    #[inline(always)]
+    fn place(&self, t: f64) -> f32 {
+        let [from, to] = self.passage.chord.t;
+        ((t - from) / (to - from) - self.enter) as f32
     }
 
     /// Where a part of a ray first meets a triangle within the interval: its own t, and how far on the way through the prism
     /// that is.
     #[inline(always)]
-    fn triangle(&self, part: &Bent, placed: Placed, [i, j]: [f64; 2]) -> Option<(f64, f64)> {
-        let [a, b, c] = self.of.tile.corners(placed);
+    fn triangle(&self, placed: Placed) -> Option<(f64, f64)> {
+        let (part, [i, j]) = (self.passage.part, self.tile);
+        let [a, b, c] = self.of.corners(placed);
         let by = DVec3::new(i, j, 0.0);
         let (a, b, c) = (a + by, b + by, c + by);
         let (ab, ac) = (b - a, c - a);

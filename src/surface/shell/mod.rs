@@ -30,6 +30,7 @@ use super::dice::FaceGrid;
 use super::evaluate::{Surface, unit_normal};
 use super::rates::Rates;
 use crate::math::{Bounds3, Vec2, Vec3};
+use crate::stats::AchievedError;
 use error::{Asked, Measured, Probe};
 use join::{Joined, Own};
 
@@ -76,6 +77,20 @@ pub struct ShellError {
     pub diagonal: f32,
     /// How many points it was measured at.
     pub places: u64,
+}
+
+impl ShellError {
+    /// How far what is displaced on the quads is from the displaced limit surface, with the pixels that a unit covers at the
+    /// closest view, where these are known.
+    pub fn achieved(&self, pixels_per_unit: Option<f32>) -> AchievedError {
+        let diagonal = f64::from(self.diagonal.max(f32::MIN_POSITIVE));
+        AchievedError {
+            max_diagonals: f64::from(self.displaced) / diagonal,
+            rms_diagonals: f64::from(self.rms) / diagonal,
+            max_pixels: pixels_per_unit.map(|p| f64::from(p * self.displaced)),
+            vertices: self.places,
+        }
+    }
 }
 
 /// What the faces around an edge or a vertex do not agree on.
