@@ -79,7 +79,7 @@ impl Base for Torus {
         self.0[face as usize].evaluate(uv)
     }
     fn evaluate_grid(&self, face: u32, us: &[f32], vs: &[f32], _key: u32, out: &mut LimitGrid) {
-        self.0[face as usize].grid(us, vs, out);
+        self.0[face as usize].grid::<true>(us, vs, out);
     }
     fn hull(&self, face: u32, rect: &UvRect, _key: u32) -> Bounds3 {
         self.0[face as usize].hull(rect)

@@ -125,35 +125,66 @@ pub struct Film {
     pub origin: [u32; 2],
     /// Its width and height.
     pub size: [u32; 2],
-    /// Tiles in rows from the top.
+    /// Tiles along Hilbert's curve.
     pub tiles: Vec<Tile>,
 }
 
 /// Small enough to balance two threads and sixty-four, large enough to keep rays together.
 const TILE: u32 = 16;
 
+/// The left top pixel and the size of each tile of a picture, in the order in which they are best rendered: along
+/// Hilbert's curve. A run of tiles then sees a part of the scene that is as small as it can be, which is what caches
+/// ask for; row by row it would see all that a row does, and see it again in the next.
+pub(crate) fn tiles([width, height]: [u32; 2]) -> Vec<[[u32; 2]; 2]> {
+    let [columns, rows] = [width, height].map(|n| n.div_ceil(TILE));
+    let side = columns.max(rows).next_power_of_two();
+    let mut places: Vec<[u32; 2]> = (0..rows)
+        .flat_map(|y| (0..columns).map(move |x| [x, y]))
+        .collect();
+    places.sort_by_key(|&place| along_curve(place, side));
+    let tile = |place: [u32; 2]| {
+        let [x, y] = place.map(|n| n * TILE);
+        [[x, y], [TILE.min(width - x), TILE.min(height - y)]]
+    };
+    places.into_iter().map(tile).collect()
+}
+
+/// How far along Hilbert's curve a place is, in a square whose side is a power of two.
+fn along_curve([mut x, mut y]: [u32; 2], side: u32) -> u64 {
+    let mut along = 0;
+    let mut half = side / 2;
+    while half > 0 {
+        let right = u32::from(x & half != 0);
+        let low = u32::from(y & half != 0);
+        // The quarters come in the order of 00, 01, 11, 10, the first and the last turned.
+        along = 4 * along + u64::from((3 * right) ^ low);
+        if low == 0 {
+            if right == 1 {
+                (x, y) = (!x, !y);
+            }
+            (x, y) = (y, x);
+        }
+        half /= 2;
+    }
+    along
+}
+
 impl Film {
     /// A black film.
     pub fn new(origin: [u32; 2], size: [u32; 2]) -> Self {
-        let mut tiles = Vec::new();
-        for y in (0..size[1]).step_by(TILE as usize) {
-            for x in (0..size[0]).step_by(TILE as usize) {
-                let tile_size = [TILE.min(size[0] - x), TILE.min(size[1] - y)];
-                tiles.push(Tile {
-                    origin: [origin[0] + x, origin[1] + y],
-                    size: tile_size,
-                    pixels: vec![Pixel::default(); (tile_size[0] * tile_size[1]) as usize],
-                });
-            }
-        }
+        let tiles = tiles(size).into_iter().map(|[at, size]| Tile {
+            origin: [origin[0] + at[0], origin[1] + at[1]],
+            size,
+            pixels: vec![Pixel::default(); (size[0] * size[1]) as usize],
+        });
         Self {
             origin,
             size,
-            tiles,
+            tiles: tiles.collect(),
         }
     }
 
-    /// Calls `f` with each pixel, row by row from the top.
+    /// Calls `f` with each pixel and its place in the picture, counted row by row from the top.
     pub fn for_each(&self, mut f: impl FnMut(usize, &Pixel)) {
         for tile in &self.tiles {
             for (i, pixel) in tile.pixels.iter().enumerate() {
@@ -190,6 +221,16 @@ mod tests {
         let mut seen = vec![0; 37 * 18];
         film.for_each(|i, _| seen[i] += 1);
         assert!(seen.iter().all(|&n| n == 1));
+    }
+
+    #[test]
+    fn each_tile_of_a_square_touches_the_next() {
+        let tiles = tiles([64 * TILE; 2]);
+        assert_eq!(tiles.len(), 64 * 64);
+        for pair in tiles.windows(2) {
+            let [[[x, y], _], [[next_x, next_y], _]] = [pair[0], pair[1]];
+            assert_eq!(x.abs_diff(next_x) + y.abs_diff(next_y), TILE);
+        }
     }
 
     #[test]

@@ -90,7 +90,7 @@ const LAYERS: [(&str, &[&str]); 24] = [
         "compare",
         &[
             "error", "memory", "stats", "math", "mesh", "image", "scene", "surface", "accel",
-            "trace", "shade", "world", "render",
+            "trace", "shade", "world", "film", "render",
         ],
     ),
     // Rays from a limit surface to a dense mesh; of the render only how it tells of progress.

@@ -4,10 +4,13 @@
 //! share they round to the same three integers, so that no crack can open between them, wherever the bits are stored.
 //! Coordinates stay below 2^23, and single precision holds them exactly.
 
-use crate::math::{Bounds3, DVec3, Ray, Vec3};
+use crate::math::{Bounds3, DVec3, Ray, Vec3, Vec4};
 
 /// Coordinates are less than this, either way.
 pub(super) const REACH: i32 = 1 << 23;
+
+/// Added to numbers below 2^51, it leaves no room for what is behind the point: the sum's last 32 bits are the integer.
+const TO_INTEGERS: f64 = 1.5 * (1_u64 << 52) as f64;
 
 /// Vertices of an object as integers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,12 +82,9 @@ impl Lattice {
 
     /// The nearest point of the lattice; none if it is beyond [`REACH`].
     pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
-        let at = self.on_lattice(p).round();
-        (at.abs().max_element() < f64::from(REACH)).then_some([
-            at.x as i32,
-            at.y as i32,
-            at.z as i32,
-        ])
+        let sums = self.on_lattice(p) + TO_INTEGERS;
+        let within = (sums - TO_INTEGERS).abs().max_element() < f64::from(REACH);
+        within.then(|| sums.to_array().map(|sum| sum.to_bits() as i32))
     }
 
     /// The nearest point of the lattice that is not beyond [`REACH`].
@@ -126,6 +126,13 @@ impl Lattice {
     }
 }
 
+/// By whether the ray runs backwards along it, and the main axis: the axes, that one last, in an order that keeps
+/// handedness.
+const AXES: [[[usize; 3]; 3]; 2] = [
+    [[1, 2, 0], [2, 0, 1], [0, 1, 2]],
+    [[2, 1, 0], [0, 2, 1], [1, 0, 2]],
+];
+
 /// A ray in lattice coordinates, made ready for boxes and for the triangle test of [`triangle`](crate::accel::triangle).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LatticeRay {
@@ -152,45 +159,37 @@ impl LatticeRay {
     /// `reach` is the largest coordinate of what the ray may meet.
     #[inline(always)]
     pub(super) fn new(lattice: &Lattice, ray: &Ray, reach: f32) -> Self {
-        let origin = ((ray.origin - lattice.anchor) * (1.0 / lattice.step)).to_array();
+        let origin = (ray.origin - lattice.anchor).extend(0.0) * (1.0 / lattice.step);
         // The largest component of the direction is brought to 1..2, by a power of two that `t` can bear.
-        let larger = |a: f32, b: f32| if a > b { a } else { b };
-        let largest = |[x, y, z]: [f32; 3]| larger(larger(x.abs(), y.abs()), z.abs());
-        let d = ray.direction.to_array();
-        let exponent = ((largest(d).to_bits() >> 23) as i32 - 127).clamp(-126, 126);
+        let d = ray.direction.extend(0.0);
+        let exponent = ((d.abs().max_element().to_bits() >> 23) as i32 - 127).clamp(-126, 126);
         let power = |e: i32| f32::from_bits(((127 + e) as u32) << 23);
         let (shrink, grow) = (power(-exponent), power(exponent));
-        let d = d.map(|d| d * shrink);
-        let kz = usize::from(d[1].abs() > d[0].abs());
-        let kz = if d[2].abs() > d[kz].abs() { 2 } else { kz };
-        let (mut kx, mut ky) = ((kz + 1) % 3, (kz + 2) % 3);
-        if d[kz] < 0.0 {
-            (kx, ky) = (ky, kx);
-        }
+        let d = d * shrink;
         const LEAST: f32 = 1.0 / (1_u64 << 40) as f32;
-        let inverse = d.map(|d| {
-            let d = if d.abs() < LEAST {
-                LEAST.copysign(d)
-            } else {
-                d
-            };
-            1.0 / d
-        });
+        let least = Vec4::splat(LEAST);
+        let inverse = 1.0 / Vec4::select(d.abs().cmplt(least), least.copysign(d), d);
+        let inverse = inverse.with_w(1.0);
+        let direction = d.to_array();
+        let size = d.abs().to_array();
+        let kz = usize::from(size[1] > size[0]);
+        let kz = if size[2] > size[kz] { 2 } else { kz };
+        let k = AXES[usize::from(direction[kz] < 0.0)][kz];
+        let [kx, ky, _] = k;
         // A plane's distance takes a subtraction, two products and a sum; a vertex is translated and sheared: each
         // moves by less than 8 roundings of the sizes involved.
-        let slack = 16.0 * f32::EPSILON * (largest(origin) + reach);
+        let slack = 16.0 * f32::EPSILON * (origin.abs().max_element() + reach);
         let t_scale = lattice.step * shrink;
         let per_t = grow / lattice.step;
-        let [ox, oy, oz] = origin;
-        let [ix, iy, iz] = inverse;
+        let inverse_array = inverse.to_array();
         Self {
-            origin: [ox, oy, oz, 0.0],
-            direction: d,
-            k: [kx, ky, kz],
+            origin: origin.to_array(),
+            direction: d.truncate().to_array(),
+            k,
             // The third one gives the ray's own t.
-            s: [d[kx], d[ky], t_scale].map(|x| x * inverse[kz]),
-            slack: [ix, iy, iz, 1.0].map(|inverse| slack.copysign(inverse)),
-            inverse: [ix, iy, iz, 1.0],
+            s: [direction[kx], direction[ky], t_scale].map(|x| x * inverse_array[kz]),
+            slack: Vec4::splat(slack).copysign(inverse).to_array(),
+            inverse: inverse_array,
             t_min: ray.t_min * per_t * (1.0 - 4.0 * f32::EPSILON),
             t_max: ray.t_max * per_t * (1.0 + 4.0 * f32::EPSILON),
             per_t,

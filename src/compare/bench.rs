@@ -2,7 +2,7 @@
 //!
 //! Methods and numbers of threads take turns, so that a machine that slows down slows all of them; what counts is the
 //! median. Threads that other programs kept from the processors are told of. Primary rays go through the pixels of the
-//! scene's camera, by squares of pixels as pictures are rendered; from where they hit, one diffuse bounce (by the cosine)
+//! scene's camera, tile by tile as pictures are rendered; from where they hit, one diffuse bounce (by the cosine)
 //! and one shadow ray to a point above the scene. The hits are those of `embree-triangles`, or of what else all others are compared with, for all methods.
 //!
 //! Distances are measured as [`verify()`](super::verify()) does, to the same surfaces diced four times as finely, or less
@@ -25,6 +25,7 @@ use super::traced::{
 };
 use super::verify::{Found, compare};
 use crate::error::{Error, Result, Warnings};
+use crate::film::tiles;
 use crate::math::{Affine3A, Bounds3, Frame, Ray, Vec2, Vec3};
 use crate::memory::Budget;
 use crate::render::{camera, picture_size};
@@ -37,9 +38,6 @@ const REPEATS: usize = 5;
 
 /// Shorter than this, the system's count of processor time is too coarse.
 const ENOUGH_SECONDS: f64 = 0.5;
-
-/// Pixels along a side of the squares in which primary rays follow one another.
-const SQUARE: u32 = 16;
 
 /// Part of their time for which threads should have had processors.
 const ENOUGH_SHARE: f64 = 0.85;
@@ -448,15 +446,11 @@ fn measure_distances(
 fn rays(entry: &Entry, view: &crate::shade::camera::Camera) -> [(&'static str, Vec<Ray>); 3] {
     let scene = &entry.scene;
     let bounced = entry.bounced.as_ref().unwrap_or(scene);
-    let [width, height] = view.resolution();
-    let square = |n: u32, size: u32| n..(n + SQUARE).min(size);
-    let squares = (0..height)
-        .step_by(SQUARE as usize)
-        .flat_map(|y| (0..width).step_by(SQUARE as usize).map(move |x| (x, y)));
-    let primary: Vec<Ray> = squares
-        .flat_map(|(x, y)| {
-            let rows = square(y, height);
-            rows.flat_map(move |y| square(x, width).map(move |x| [x, y]))
+    let primary: Vec<Ray> = tiles(view.resolution())
+        .into_iter()
+        .flat_map(|[[left, top], [width, height]]| {
+            let rows = top..top + height;
+            rows.flat_map(move |y| (left..left + width).map(move |x| [x, y]))
         })
         .map(|pixel| view.ray(Vec2::from(pixel.map(|n| n as f32 + 0.5)), [0.5; 2], 0.0))
         .collect();

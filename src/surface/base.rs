@@ -237,6 +237,8 @@ pub struct TexcoordGrid {
     pub du: Vec<Vec2>,
     /// First derivatives by v, likewise.
     pub dv: Vec<Vec2>,
+    /// Room to evaluate them in.
+    pub room: LimitGrid,
 }
 
 impl TexcoordGrid {

@@ -44,9 +44,9 @@ impl Bicubic {
         point
     }
 
-    /// Points and first derivatives at all pairs of `us` and `vs`, u running faster: a curve for each v, then loops
-    /// along u over one coordinate at a time.
-    pub fn grid(&self, us: &[f32], vs: &[f32], out: &mut LimitGrid) {
+    /// Points, and first derivatives with `SLOPES`, at all pairs of `us` and `vs`, u running faster: a curve for each v,
+    /// then loops along u over one coordinate at a time.
+    pub fn grid<const SLOPES: bool>(&self, us: &[f32], vs: &[f32], out: &mut LimitGrid) {
         let n = us.len();
         out.resize(n * vs.len());
         if n == 0 {
@@ -81,8 +81,10 @@ impl Bicubic {
             for axis in 0..3 {
                 let four = |c: &[Vec3; 4]| c.map(|c| c[axis]);
                 combine(b, four(&points), &mut out.position[axis][here.clone()]);
-                combine(q, dus.map(|c| c[axis]), &mut out.du[axis][here.clone()]);
-                combine(b, four(&dvs), &mut out.dv[axis][here.clone()]);
+                if SLOPES {
+                    combine(q, dus.map(|c| c[axis]), &mut out.du[axis][here.clone()]);
+                    combine(b, four(&dvs), &mut out.dv[axis][here.clone()]);
+                }
             }
         }
     }

@@ -12,6 +12,7 @@ mod carried;
 mod dice;
 mod displace;
 mod evaluate;
+mod grids;
 mod image_map;
 mod parts;
 mod patch;

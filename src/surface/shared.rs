@@ -407,7 +407,7 @@ impl Surface {
             vs,
             limit,
             normal: [x, y, z],
-            texcoords: TexcoordGrid { st, du, dv },
+            texcoords: TexcoordGrid { st, du, dv, .. },
             moved,
             ..
         } = scratch;

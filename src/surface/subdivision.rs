@@ -1,8 +1,7 @@
 //! A subdivision surface as a [`Base`]: limit points, texture coordinates and certified boxes of a [`LimitSurface`].
 //!
 //! Faces are Ptex faces, or the [parts](super::parts) of them where a mesh has faces that are not quads;
-//! [`Subdivision::on_cage`] goes back. Where a face is one polynomial patch, grids come from its Bezier form; elsewhere
-//! each point is evaluated alone, without second derivatives.
+//! [`Subdivision::on_cage`] goes back. Grids are another file's business ([`grids`](super::grids)).
 
 use super::Bicubic;
 use super::base::{Base, Carrier, EdgeUse, LimitGrid, LimitPoint, Texcoord, TexcoordGrid, UvRect};
@@ -179,12 +178,8 @@ impl Subdivision {
         Some((st.limit.as_ref().unwrap_or(&self.limit), st))
     }
 
-    /// The whole face as one patch, if it is.
-    fn patch(&self, limit: &LimitSurface, field: &Field<f32>, face: u32) -> Option<Bicubic> {
-        self.patch_of(limit, field, face, &UvRect::UNIT)
-    }
-
-    fn patch_of(
+    /// The patch that a part of a face lies in, over that part alone, if it is one.
+    pub(super) fn patch_of(
         &self,
         limit: &LimitSurface,
         field: &Field<f32>,
@@ -213,30 +208,8 @@ impl Subdivision {
         })
     }
 
-    /// Points and first derivatives at all pairs of parameters, u running faster.
-    fn grid(
-        &self,
-        limit: &LimitSurface,
-        field: &Field<f32>,
-        face: u32,
-        [us, vs]: [&[f32]; 2],
-        out: &mut LimitGrid,
-    ) {
-        if let Some(patch) = self.patch(limit, field, face) {
-            patch.grid(us, vs, out);
-            return;
-        }
-        out.resize(us.len() * vs.len());
-        for (row, &v) in vs.iter().enumerate() {
-            for (column, &u) in us.iter().enumerate() {
-                let point = self.first_order_of(limit, field, face, Vec2::new(u, v));
-                out.set(row * us.len() + column, &point);
-            }
-        }
-    }
-
     /// A point without second derivatives.
-    fn first_order_of(
+    pub(super) fn first_order_of(
         &self,
         limit: &LimitSurface,
         field: &Field<f32>,
@@ -367,7 +340,7 @@ impl Base for Subdivision {
 
     fn evaluate_grid(&self, face: u32, us: &[f32], vs: &[f32], key: u32, out: &mut LimitGrid) {
         let points = &self.points[key as usize];
-        self.grid(&self.limit, points, face, [us, vs], out);
+        self.grid::<true>((&self.limit, points), face, [us, vs], out);
     }
 
     fn hull(&self, face: u32, rect: &UvRect, key: u32) -> Bounds3 {
@@ -401,15 +374,19 @@ impl Base for Subdivision {
         let Some((limit, st)) = self.texcoords() else {
             return false;
         };
-        let mut grid = LimitGrid::default();
-        self.grid(limit, &st.field, face, [us, vs], &mut grid);
-        for i in 0..grid.len() {
-            out.st.push(grid.position(i).truncate());
-            if slopes {
-                let [du, dv] = grid.derivatives(i).map(Vec3::truncate);
-                out.du.push(du);
-                out.dv.push(dv);
-            }
+        let (of, grid) = ((limit, &st.field), &mut out.room);
+        if slopes {
+            self.grid::<true>(of, face, [us, vs], grid);
+        } else {
+            self.grid::<false>(of, face, [us, vs], grid);
+        }
+        let two = |[x, y, _]: &[Vec<f32>; 3], out: &mut Vec<Vec2>| {
+            out.extend(x.iter().zip(y).map(|(&x, &y)| Vec2::new(x, y)));
+        };
+        two(&grid.position, &mut out.st);
+        if slopes {
+            two(&grid.du, &mut out.du);
+            two(&grid.dv, &mut out.dv);
         }
         true
     }

@@ -110,19 +110,46 @@ fn signed(word: i64, first: u32, bits: u32) -> i32 {
 pub(super) struct Vertices {
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// Axis by axis, row by row, [`SIDE`] apart.
-    pub(super) values: [[i32; SIDE * SIDE]; 3],
+    /// Axis by axis, row by row, [`SIDE`] apart. What is beyond the last column and row repeats them: loops run over
+    /// all.
+    pub(super) values: [Values; 3],
+}
+
+/// Of all vertices of a block, along an axis.
+pub(super) type Values = [i32; SIDE * SIDE];
+
+/// The least and the greatest.
+fn range(values: &Values) -> (i32, i32) {
+    let low = values.iter().fold(i32::MAX, |low, &v| low.min(v));
+    let high = values.iter().fold(i32::MIN, |high, &v| high.max(v));
+    (low, high)
 }
 
 impl Vertices {
-    pub(super) fn extent(&self) -> Extent {
-        let mut extent = Extent::EMPTY;
-        for j in 0..self.rows {
-            for i in 0..self.columns {
-                extent = extent.including([0, 1, 2].map(|k| self.values[k][j * SIDE + i]));
+    /// Takes the vertex of each column and row that there are.
+    pub(super) fn new([columns, rows]: [usize; 2], at: impl Fn(usize, usize) -> [i32; 3]) -> Self {
+        let mut values = [[0; SIDE * SIDE]; 3];
+        for j in 0..SIDE {
+            for i in 0..SIDE {
+                let vertex = at(i.min(columns - 1), j.min(rows - 1));
+                for (values, x) in values.iter_mut().zip(vertex) {
+                    values[SIDE * j + i] = x;
+                }
             }
         }
-        extent
+        Self {
+            columns,
+            rows,
+            values,
+        }
+    }
+
+    pub(super) fn extent(&self) -> Extent {
+        let ranges = self.values.each_ref().map(range);
+        Extent {
+            min: ranges.map(|(low, _)| low),
+            max: ranges.map(|(_, high)| high),
+        }
     }
 
     /// Adds the block to `data`, up to a multiple of [`UNIT`] bytes from its start.
@@ -130,13 +157,13 @@ impl Vertices {
         let start = data.len();
         let mut slopes = [0, 1, 2].map(|k| self.slopes(k));
         let mut rest = [0, 1, 2].map(|k| self.rest(k, &slopes[k]));
-        let mut ranges = rest.each_ref().map(|rest| self.range(rest));
+        let mut ranges = rest.each_ref().map(range);
         for k in 0..3 {
             // The values themselves always fit into a head's base.
             if !is_base(ranges[k].0) || width(ranges[k].1 - ranges[k].0) > WIDEST {
                 slopes[k] = Slopes::rounded([0.0; 2]);
                 rest[k] = self.rest(k, &slopes[k]);
-                ranges[k] = self.range(&rest[k]);
+                ranges[k] = range(&rest[k]);
             }
         }
         let main = (0..3)
@@ -157,7 +184,7 @@ impl Vertices {
                 for (value, height) in sheared.iter_mut().zip(&rest[main]) {
                     *value -= (s * height) >> SHEAR_POINT;
                 }
-                let (l, h) = self.range(&sheared);
+                let (l, h) = range(&sheared);
                 if is_base(l) && width(h - l) < width(high - low) {
                     (low, high, shear) = (l, h, s);
                     rest[k] = sheared;
@@ -192,25 +219,21 @@ impl Vertices {
         data.resize(start + (data.len() - start).next_multiple_of(UNIT), 0);
     }
 
-    fn places(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
-        let columns = self.columns;
-        (0..self.rows).flat_map(move |j| (0..columns).map(move |i| (j, i)))
-    }
-
-    fn range(&self, values: &[i32; SIDE * SIDE]) -> (i32, i32) {
-        self.places()
-            .map(|(j, i)| values[j * SIDE + i])
-            .fold((i32::MAX, i32::MIN), |(low, high), v| {
-                (low.min(v), high.max(v))
-            })
+    /// Columns that there are count as 1.
+    fn there<T: From<u8>>(&self) -> [T; SIDE] {
+        std::array::from_fn(|i| T::from(u8::from(i < self.columns)))
     }
 
     /// What a plane leaves of the values along an axis.
-    fn rest(&self, k: usize, slopes: &Slopes) -> [i32; SIDE * SIDE] {
+    fn rest(&self, k: usize, slopes: &Slopes) -> Values {
         let mut rest = self.values[k];
-        for (j, i) in self.places() {
-            let plane = (slopes.du * i as i32 + slopes.dv * j as i32) >> SLOPE_POINT;
-            rest[j * SIDE + i] -= plane;
+        let across: [i32; SIDE] =
+            std::array::from_fn(|i| slopes.du * i.min(self.columns - 1) as i32);
+        for (j, row) in rest.as_chunks_mut::<SIDE>().0.iter_mut().enumerate() {
+            let down = slopes.dv * j.min(self.rows - 1) as i32;
+            for (value, across) in row.iter_mut().zip(across) {
+                *value -= (across + down) >> SLOPE_POINT;
+            }
         }
         rest
     }
@@ -219,42 +242,57 @@ impl Vertices {
     fn slopes(&self, k: usize) -> Slopes {
         let values = &self.values[k];
         let middle = [self.columns, self.rows].map(|n| 0.5 * (n - 1) as f32);
+        let there: [f32; SIDE] = self.there();
+        let across: [f32; SIDE] = std::array::from_fn(|i| there[i] * (i as f32 - middle[0]));
         // Differences to the first vertex are exact and small.
         let first = values[0];
-        let (mut u, mut v) = (0.0, 0.0);
-        for (j, i) in self.places() {
-            let value = (values[j * SIDE + i] - first) as f32;
-            u += (i as f32 - middle[0]) * value;
-            v += (j as f32 - middle[1]) * value;
+        let (mut u, mut v) = ([0.0; SIDE], [0.0; SIDE]);
+        let rows = &values.as_chunks::<SIDE>().0[..self.rows];
+        for (j, row) in rows.iter().enumerate() {
+            let down = j as f32 - middle[1];
+            for (i, value) in row.iter().enumerate() {
+                let value = (value - first) as f32;
+                u[i] += across[i] * value;
+                v[i] += there[i] * down * value;
+            }
         }
+        let sum = |of: [f32; SIDE]| of.iter().sum::<f32>();
         // Sums of squares of 0..n about their middle are n (n^2 - 1) / 12.
         let squares = |n: usize| (n * (n * n - 1)) as f32 / 12.0;
         let point = (1 << SLOPE_POINT) as f32;
         Slopes::rounded([
-            point * u / (squares(self.columns) * self.rows as f32).max(1.0),
-            point * v / (squares(self.rows) * self.columns as f32).max(1.0),
+            point * sum(u) / (squares(self.columns) * self.rows as f32).max(1.0),
+            point * sum(v) / (squares(self.rows) * self.columns as f32).max(1.0),
         ])
     }
 
     /// By how much `values` follow `heights`, by least squares; none if not at all.
-    fn shear(&self, heights: &[i32; SIDE * SIDE], values: &[i32; SIDE * SIDE]) -> Option<i32> {
-        let count = (self.columns * self.rows) as f64;
-        let (mut h, mut v, mut hh, mut hv) = (0.0, 0.0, 0.0, 0.0);
-        for (j, i) in self.places() {
-            let (height, value) = (
-                f64::from(heights[j * SIDE + i]),
-                f64::from(values[j * SIDE + i]),
-            );
-            h += height;
-            v += value;
-            hh += height * height;
-            hv += height * value;
+    fn shear(&self, heights: &Values, values: &Values) -> Option<i32> {
+        // Greater heights times the shear would not fit into 32 bits.
+        if heights
+            .iter()
+            .any(|height| height.unsigned_abs() >= 1 << 24)
+        {
+            return None;
         }
+        let there: [f64; SIDE] = self.there();
+        let mut sums = [[0.0; SIDE]; 4];
+        let both = (heights.as_chunks::<SIDE>().0.iter()).zip(values.as_chunks::<SIDE>().0);
+        for (heights, values) in both.take(self.rows) {
+            for i in 0..SIDE {
+                let height = there[i] * f64::from(heights[i]);
+                let value = there[i] * f64::from(values[i]);
+                sums[0][i] += height;
+                sums[1][i] += value;
+                sums[2][i] += height * height;
+                sums[3][i] += height * value;
+            }
+        }
+        let count = (self.columns * self.rows) as f64;
+        let [h, v, hh, hv] = sums.map(|of| of.iter().sum::<f64>());
         let slope = (count * hv - h * v) / (count * hh - h * h);
         let shear = (f64::from(1 << SHEAR_POINT) * slope).round();
-        // Greater heights times the shear would not fit into 32 bits.
-        let fits = heights.iter().all(|height| height.unsigned_abs() < 1 << 24);
-        (shear != 0.0 && shear.is_finite() && fits).then(|| shear.clamp(-64.0, 63.0) as i32)
+        (shear != 0.0 && shear.is_finite()).then(|| shear.clamp(-64.0, 63.0) as i32)
     }
 }
 
@@ -295,13 +333,11 @@ fn pack(values: &[i32], width: u32, data: &mut Vec<u8>) {
     for &value in values {
         pending |= (value as u64) << bits;
         bits += width;
-        while bits >= 8 {
-            data.push(pending as u8);
-            pending >>= 8;
-            bits -= 8;
+        if bits >= 32 {
+            data.extend_from_slice(&(pending as u32).to_le_bytes());
+            pending >>= 32;
+            bits -= 32;
         }
     }
-    if bits > 0 {
-        data.push(pending as u8);
-    }
+    data.extend_from_slice(&pending.to_le_bytes()[..bits.div_ceil(8) as usize]);
 }

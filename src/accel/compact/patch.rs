@@ -5,7 +5,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::block::{CELLS, SIDE, UNIT, Vertices};
+use super::block::{CELLS, UNIT, Vertices};
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::Extent;
 
@@ -123,19 +123,8 @@ pub(in crate::accel) fn pack(
     let [across, down] = [columns, rows].map(|n| n.div_ceil(CELLS));
     for (cj, ci) in (0..down).flat_map(|cj| (0..across).map(move |ci| (cj, ci))) {
         let (i, j) = (CELLS * ci, CELLS * cj);
-        let mut block = Vertices {
-            columns: (columns - i).min(CELLS) + 1,
-            rows: (rows - j).min(CELLS) + 1,
-            values: [[0; SIDE * SIDE]; 3],
-        };
-        for y in 0..block.rows {
-            let row = &lattice[stride * (j + y) + i..][..block.columns];
-            for (x, p) in row.iter().enumerate() {
-                for (values, p) in block.values.iter_mut().zip(p) {
-                    values[SIDE * y + x] = *p;
-                }
-            }
-        }
+        let there = [(columns - i).min(CELLS) + 1, (rows - j).min(CELLS) + 1];
+        let block = Vertices::new(there, |x, y| lattice[stride * (j + y) + i + x]);
         let before = data.len();
         block.write(data);
         let child = FAN * cj + ci;

@@ -10,7 +10,7 @@ use crate::accel::face::Face;
 use crate::accel::lattice::Lattice;
 use crate::accel::simd::Isa;
 use crate::accel::top::Top;
-use crate::math::{Bounds3, DVec3, Ray, Vec2};
+use crate::math::{Bounds3, Ray, Vec2, Vec3};
 
 /// A surface's patches without what is in them.
 pub(in crate::accel) struct Skeleton {
@@ -48,9 +48,10 @@ impl Skeleton {
         self.lattice.bounds(&self.top.extent(key as usize))
     }
 
-    /// What a ray met: a triangle with these corners on the lattice.
+    /// What a ray met.
     #[inline(always)]
-    pub(super) fn hit(&self, ray: &Ray, met: &Met, [a, b, c]: [DVec3; 3]) -> Hit {
+    pub(super) fn hit(&self, ray: &Ray, met: &Met) -> Hit {
+        let [a, b, c] = met.corners.map(|p| Vec3::from(p).as_dvec3());
         let patch = &self.patches[met.patch as usize];
         let normal = (b - a).cross(c - a);
         let normal = if self.left_handed { -normal } else { normal };

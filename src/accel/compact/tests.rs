@@ -363,17 +363,14 @@ proptest! {
             let plane = i64::from(slope) * (i as i64 - j as i64) / 2;
             (noise + plane).clamp(1 - (1 << 23), (1 << 23) - 1) as i32
         };
-        let mut block = Vertices { columns, rows, values: [[0; SIDE * SIDE]; 3] };
-        for k in 0..3 {
-            for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
-                // Sometimes one axis follows another.
-                block.values[k][j * SIDE + i] = if k == 1 && seed.is_multiple_of(2) {
-                    block.values[0][j * SIDE + i] / 3
-                } else {
-                    value(i, j)
-                };
-            }
+        let mut vertices = [[0; 3]; SIDE * SIDE];
+        for (j, i) in (0..rows).flat_map(|j| (0..columns).map(move |i| (j, i))) {
+            let [x, y, z] = [(); 3].map(|()| value(i, j));
+            // Sometimes one axis follows another.
+            let y = if seed.is_multiple_of(2) { x / 3 } else { y };
+            vertices[j * SIDE + i] = [x, y, z];
         }
+        let block = Vertices::new([columns, rows], |i, j| vertices[j * SIDE + i]);
         let mut data = vec![7; 4];
         block.write(&mut data);
         data.resize(data.len() + PADDING, 0);

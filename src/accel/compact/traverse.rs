@@ -12,7 +12,7 @@ use crate::accel::simd::{Isa, LANES, Lanes, NARROW};
 use crate::accel::traversal::Traversal;
 use crate::accel::triangle::TriangleHit;
 use crate::accel::waiting::{Place, Stack, Waiting};
-use crate::math::{DVec3, Ray};
+use crate::math::Ray;
 
 /// Where a ray met a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -24,6 +24,8 @@ pub(in crate::accel) struct Met {
     /// The quad in the block, whose rows are [`SIDE`] apart, and whether it is its second triangle.
     pub(super) cell: usize,
     pub(super) second: bool,
+    /// Its corners on the lattice, if the nearest hit was asked for.
+    pub(super) corners: [[f32; 3]; 3],
 }
 
 /// A patch's nodes, by motion key, and its blocks.
@@ -46,45 +48,6 @@ impl View<'_> {
             None => self.start,
         };
         Head::read(self.data, at, self.fan.cells_of(block).map(|n| n + 1))
-    }
-
-    /// The corners of a triangle on the lattice, where they are at a time.
-    #[inline(always)]
-    fn corners<L: Lanes, const MOVES: bool>(
-        &self,
-        lanes: L,
-        met: &Met,
-        moment: &Moment,
-    ) -> [DVec3; 3] {
-        let [columns, _] = self.fan.cells_of(met.block);
-        let (column, row) = (met.cell % SIDE, met.cell / SIDE);
-        let head = self.head(met.block, moment.from);
-        let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-        let mut at = planes.next(lanes, self.data, [row, row + 1]);
-        if MOVES {
-            let head = self.head(met.block, moment.to);
-            let mut planes = Planes::new(lanes, &head, [0, 1, 2], columns, row);
-            let to = planes.next(lanes, self.data, [row, row + 1]);
-            at = [
-                moment.between_lanes(lanes, at[0], to[0]),
-                moment.between_lanes(lanes, at[1], to[1]),
-                moment.between_lanes(lanes, at[2], to[2]),
-            ];
-        }
-        let mut stored = [[0.0; LANES]; 3];
-        for (stored, at) in stored.iter_mut().zip(at) {
-            lanes.store(at, stored);
-        }
-        let [x, y, z] = &stored;
-        let corner = |c: usize| {
-            let c = column + c;
-            DVec3::new(x[c].into(), y[c].into(), z[c].into())
-        };
-        if met.second {
-            [corner(SIDE + 1), corner(SIDE), corner(1)]
-        } else {
-            [corner(0), corner(1), corner(SIDE)]
-        }
     }
 }
 
@@ -113,12 +76,8 @@ impl<'s, P: Patches<'s>> Traversal for Through<P> {
     }
 
     #[inline(always)]
-    fn hit<L: Lanes, const MOVES: bool>(&mut self, lanes: L, ray: &Ray, met: &Met) -> Hit {
-        let Self(patches) = self;
-        let skeleton = patches.skeleton();
-        let moment = Moment::new(skeleton.keys, ray.time);
-        let corners = (patches.enter(met.patch)).corners::<L, MOVES>(lanes, met, &moment);
-        skeleton.hit(ray, met, corners)
+    fn hit<L: Lanes, const MOVES: bool>(&mut self, _lanes: L, ray: &Ray, met: &Met) -> Hit {
+        self.0.skeleton().hit(ray, met)
     }
 
     #[inline(always)]
@@ -156,7 +115,7 @@ impl<'s, P: Patches<'s>> Traversal for Through<P> {
                     };
                     // All of its blocks before any other patch.
                     while let Some(Place::Part(block)) = part.map(Waiting::place) {
-                        if let Some(found) = walk.block(lanes, &view, block) {
+                        if let Some(found) = walk.block::<L, ANY>(lanes, &view, block) {
                             nearest = Some(Met { patch, ..found });
                             if ANY {
                                 return nearest;
@@ -210,20 +169,83 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
 
     /// The nearest triangle of a block.
     #[inline(always)]
-    fn block<L: Lanes>(&self, lanes: L, view: &View<'_>, block: usize) -> Option<Met> {
+    fn block<L: Lanes, const ANY: bool>(
+        &self,
+        lanes: L,
+        view: &View<'_>,
+        block: usize,
+    ) -> Option<Met> {
         let cells = view.fan.cells_of(block);
+        let head = view.head(block, self.moment.from);
+        let mut later = head;
+        if MOVES {
+            later = view.head(block, self.moment.to);
+        }
+        let heads = [&head, &later];
         let mut sheared = Sheared::default();
-        self.decode(lanes, view, block, cells, &mut sheared);
+        self.decode(lanes, view.data, heads, cells, &mut sheared);
         let interval = [self.world.t_min, self.world.t_max];
         let QuadHit { hit, cell, second } =
             sheared.nearest(lanes, cells, self.ray.s[2], interval)?;
+        let corners = if ANY {
+            [[0.0; 3]; 3]
+        } else {
+            self.corners(lanes, view.data, heads, cells[0], (cell, second))
+        };
         Some(Met {
             hit,
             patch: 0,
             block,
             cell,
             second,
+            corners,
         })
+    }
+
+    /// The corners of a triangle on the lattice, where they are at the ray's time.
+    #[inline(always)]
+    fn corners<L: Lanes>(
+        &self,
+        lanes: L,
+        data: &[u8],
+        [head, later]: [&Head; 2],
+        columns: usize,
+        (cell, second): (usize, bool),
+    ) -> [[f32; 3]; 3] {
+        let (column, row) = (cell % SIDE, cell / SIDE);
+        let mut planes = Planes::new(lanes, head, [0, 1, 2], columns, row);
+        let mut at = planes.next(lanes, data, [row, row + 1]);
+        if MOVES {
+            let mut planes = Planes::new(lanes, later, [0, 1, 2], columns, row);
+            let to = planes.next(lanes, data, [row, row + 1]);
+            at = self.between(lanes, at, to);
+        }
+        let mut stored = [[0.0; LANES]; 3];
+        for (stored, at) in stored.iter_mut().zip(at) {
+            lanes.store(at, stored);
+        }
+        let [x, y, z] = &stored;
+        let corner = |c: usize| [x[column + c], y[column + c], z[column + c]];
+        if second {
+            [corner(SIDE + 1), corner(SIDE), corner(1)]
+        } else {
+            [corner(0), corner(1), corner(SIDE)]
+        }
+    }
+
+    /// Between two motion keys, axis by axis.
+    #[inline(always)]
+    fn between<L: Lanes>(
+        &self,
+        lanes: L,
+        from: [L::Floats; 3],
+        to: [L::Floats; 3],
+    ) -> [L::Floats; 3] {
+        [
+            self.moment.between_lanes(lanes, from[0], to[0]),
+            self.moment.between_lanes(lanes, from[1], to[1]),
+            self.moment.between_lanes(lanes, from[2], to[2]),
+        ]
     }
 
     /// Decodes a block's vertices, and shears them.
@@ -231,32 +253,25 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     fn decode<L: Lanes>(
         &self,
         lanes: L,
-        view: &View<'_>,
-        block: usize,
+        data: &[u8],
+        [head, later]: [&Head; 2],
         [columns, rows]: [usize; 2],
         to: &mut Sheared,
     ) {
-        let moment = self.moment;
         let LatticeRay { k, origin, s, .. } = self.ray;
-        let head = view.head(block, moment.from);
-        let mut planes = Planes::new(lanes, &head, k, columns, 0);
-        let mut later = planes;
+        let mut planes = Planes::new(lanes, head, k, columns, 0);
+        let mut of_later = planes;
         if MOVES {
-            let head = view.head(block, moment.to);
-            later = Planes::new(lanes, &head, k, columns, 0);
+            of_later = Planes::new(lanes, later, k, columns, 0);
         }
         let origin = k.map(|k| lanes.floats(origin[k]));
         let [sx, sy] = [lanes.floats(s[0]), lanes.floats(s[1])];
         for pair in 0..rows / 2 + 1 {
             let two = [2 * pair, (2 * pair + 1).min(rows)];
-            let mut at = planes.next(lanes, view.data, two);
+            let mut at = planes.next(lanes, data, two);
             if MOVES {
-                let b = later.next(lanes, view.data, two);
-                at = [
-                    self.moment.between_lanes(lanes, at[0], b[0]),
-                    self.moment.between_lanes(lanes, at[1], b[1]),
-                    self.moment.between_lanes(lanes, at[2], b[2]),
-                ];
+                let to = of_later.next(lanes, data, two);
+                at = self.between(lanes, at, to);
             }
             let x = lanes.sub(at[0], origin[0]);
             let y = lanes.sub(at[1], origin[1]);

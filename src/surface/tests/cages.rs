@@ -3,9 +3,9 @@
 
 use std::sync::Arc;
 
-use super::super::{Base, Patch, Subdivision};
+use super::super::{Base, LimitGrid, Patch, Subdivision};
 use super::patches;
-use crate::math::Vec3;
+use crate::math::{Vec2, Vec3};
 use crate::mesh::{
     BoundaryInterpolation, ControlMesh, Corner, Crease, Interpolation, Primvar, Scheme,
 };
@@ -150,4 +150,29 @@ fn wheel(scheme: Scheme, n: u32) -> ControlMesh {
         sharpness: 1.7,
     }];
     wheel
+}
+
+#[test]
+fn grids_are_what_single_points_are() {
+    let us = [0.0, 0.02, 0.13, 0.25, 0.26, 0.4, 0.5, 0.66, 0.9, 1.0];
+    let vs = [0.0, 0.01, 0.14, 0.3, 0.5, 0.74, 0.75, 0.97, 0.99, 1.0];
+    let mixed = [0.74, 0.3, 0.97, 0.0, 1.0, 0.26, 0.25, 0.5, 0.01, 0.6];
+    let mut grid = LimitGrid::default();
+    for (name, base) in cages(0.0) {
+        let faces = (0..base.faces()).filter(|&face| !base.is_hole(face));
+        for (face, [us, vs]) in
+            faces.flat_map(|face| [[us, vs], [mixed, vs], [us, mixed]].map(|both| (face, both)))
+        {
+            base.evaluate_grid(face, &us, &vs, 0, &mut grid);
+            let places = vs.iter().flat_map(|&v| us.map(|u| Vec2::new(u, v)));
+            for (i, uv) in places.enumerate() {
+                let point = base.first_order(face, uv, 0);
+                let off = grid.position(i).distance(point.position);
+                assert!(off < 1e-6, "{name}, face {face} at {uv}: {off}");
+                let [du, dv] = grid.derivatives(i);
+                let off = du.distance(point.du).max(dv.distance(point.dv));
+                assert!(off < 2e-5, "{name}, face {face} at {uv}: slopes {off}");
+            }
+        }
+    }
 }

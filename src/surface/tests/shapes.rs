@@ -293,7 +293,7 @@ impl Base for Patches {
         self.patch(face, key).evaluate(uv)
     }
     fn evaluate_grid(&self, face: u32, us: &[f32], vs: &[f32], key: u32, out: &mut LimitGrid) {
-        self.patch(face, key).grid(us, vs, out);
+        self.patch(face, key).grid::<true>(us, vs, out);
     }
     fn hull(&self, face: u32, rect: &UvRect, key: u32) -> Bounds3 {
         self.patch(face, key).hull(rect)
