@@ -21,6 +21,14 @@ pub(super) struct Lattice {
     pub(super) step: f32,
 }
 
+/// The nearest integers of numbers below 2^51.
+#[inline]
+fn integers(at: DVec3) -> [i32; 3] {
+    (at + TO_INTEGERS)
+        .to_array()
+        .map(|sum| sum.to_bits() as i32)
+}
+
 /// A box of lattice points, both corners included; empty where `min` exceeds `max`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Extent {
@@ -82,15 +90,15 @@ impl Lattice {
 
     /// The nearest point of the lattice; none if it is beyond [`REACH`].
     pub(super) fn nearest(&self, p: Vec3) -> Option<[i32; 3]> {
-        let sums = self.on_lattice(p) + TO_INTEGERS;
-        let within = (sums - TO_INTEGERS).abs().max_element() < f64::from(REACH);
-        within.then(|| sums.to_array().map(|sum| sum.to_bits() as i32))
+        let at = self.on_lattice(p);
+        let rounded = (at + TO_INTEGERS) - TO_INTEGERS;
+        (rounded.abs().max_element() < f64::from(REACH)).then(|| integers(at))
     }
 
     /// The nearest point of the lattice that is not beyond [`REACH`].
     pub(super) fn nearest_within(&self, p: Vec3) -> [i32; 3] {
-        let most = f64::from(REACH - 1);
-        (self.on_lattice(p).round().to_array()).map(|x| x.clamp(-most, most) as i32)
+        let most = DVec3::splat(f64::from(REACH - 1));
+        integers(self.on_lattice(p).clamp(-most, most))
     }
 
     /// Where a point of the lattice is in the object's space.

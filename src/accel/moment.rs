@@ -11,14 +11,17 @@ pub(super) struct Moment {
 }
 
 impl Moment {
+    /// Where nothing moves.
+    pub(super) const STILL: Self = Self {
+        from: 0,
+        to: 0,
+        weights: [1.0, 0.0],
+    };
+
     #[inline]
     pub(super) fn new(keys: u32, time: f32) -> Self {
         if keys == 1 {
-            return Self {
-                from: 0,
-                to: 0,
-                weights: [1.0, 0.0],
-            };
+            return Self::STILL;
         }
         let last = keys as usize - 1;
         let at = time.clamp(0.0, 1.0) * last as f32;

@@ -1,7 +1,8 @@
 //! What trees that are walked in lanes have in common: a ray goes in, and a hit comes out, or whether there is any; all
 //! between is compiled for the instruction set that was chosen.
 
-use super::lattice::Lattice;
+use super::lattice::{Lattice, LatticeRay};
+use super::moment::Moment;
 use super::simd::{Body, Isa, Lanes};
 use super::top::{Child, Top};
 use super::waiting::{Place, Stack, Waiting};
@@ -38,14 +39,18 @@ pub(super) struct Trunk<'t> {
 pub(super) trait Tree: Send + Sync {
     /// As in [`Traversal`].
     type Met;
+    /// A ray on its way through it.
+    type Walk<'a, const ANY: bool, const MOVES: bool>: Visitor<MOVES, Met = Self::Met>
+    where
+        Self: 'a;
     /// What it has of the above.
     fn trunk(&self) -> Trunk<'_>;
-    /// As in [`Traversal`].
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
-        lanes: L,
+    /// A ray at the root; none if there is nothing in the tree.
+    fn walk<'a, const ANY: bool, const MOVES: bool>(
+        &'a self,
+        moment: &'a Moment,
         ray: &Ray,
-    ) -> Option<Self::Met>;
+    ) -> Option<Self::Walk<'a, ANY, MOVES>>;
     /// All that is to be known of a place that a ray met.
     fn hit_on(&self, ray: &Ray, met: &Self::Met) -> Hit;
     /// Bytes held.
@@ -71,7 +76,10 @@ impl<T: Tree> Traversal for &T {
         lanes: L,
         ray: &Ray,
     ) -> Option<T::Met> {
-        T::meet::<L, ANY, MOVES>(self, lanes, ray)
+        let Trunk { keys, top, .. } = self.trunk();
+        let moment = Moment::new(keys, ray.time);
+        let mut walk = self.walk::<ANY, MOVES>(&moment, ray)?;
+        visit::<L, _, ANY, MOVES>(lanes, top.root()?, &mut walk)
     }
 
     #[inline(always)]
@@ -107,14 +115,26 @@ impl<T: Tree> Intersector for T {
     }
 }
 
-/// A ray on its way through a tree. What it asks about ends at the nearest hit so far: that is its own affair.
-pub(super) trait Visitor {
+/// A tree as a ray sees it.
+pub(super) struct Way<'w> {
+    pub(super) top: &'w Top,
+    pub(super) moment: &'w Moment,
+    /// What the ray asks about ends at the nearest hit so far.
+    pub(super) ray: &'w LatticeRay,
+}
+
+/// A ray on its way through a tree, which `MOVES` if it has more than one motion key.
+pub(super) trait Visitor<const MOVES: bool> {
     /// Where it meets what is in the tree.
     type Met;
-    /// Where what it asks about ends, as `near` of what waits is counted.
-    fn t_max(&self) -> f32;
+    /// Where it is on its way.
+    fn way(&self) -> Way<'_>;
     /// Of a node's children the nearest; the others wait.
-    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting>;
+    #[inline(always)]
+    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
+        let Way { top, moment, ray } = self.way();
+        top.enter::<L, MOVES>(lanes, node, moment, ray, stack)
+    }
     /// Comes to a patch, which begins at `near`.
     fn patch<L: Lanes>(
         &mut self,
@@ -149,7 +169,7 @@ impl<M> From<Option<M>> for Found<M> {
 
 /// Goes through a tree from its root on: to the nearest place that the ray meets, or to `ANY` one.
 #[inline(always)]
-pub(super) fn visit<L: Lanes, V: Visitor, const ANY: bool>(
+pub(super) fn visit<L: Lanes, V: Visitor<MOVES>, const ANY: bool, const MOVES: bool>(
     lanes: L,
     root: Child,
     visitor: &mut V,
@@ -174,7 +194,7 @@ pub(super) fn visit<L: Lanes, V: Visitor, const ANY: bool>(
             }
         };
         if next.is_none() {
-            next = stack.next(visitor.t_max());
+            next = stack.next(visitor.way().ray.t_max);
         }
     }
     nearest

@@ -43,9 +43,9 @@ use super::Hit;
 use super::face::Face;
 use super::lattice::Lattice;
 use super::moment::Moment;
-use super::simd::{Isa, Lanes};
+use super::simd::Isa;
 use super::top::Top;
-use super::traversal::{Tree, Trunk, visit};
+use super::traversal::{Tree, Trunk};
 use crate::math::{Ray, Vec2};
 use crate::stats::AchievedError;
 use leaf::Leaf;
@@ -112,6 +112,7 @@ impl Compressed {
 
 impl Tree for Compressed {
     type Met = Met;
+    type Walk<'a, const ANY: bool, const MOVES: bool> = Walk<'a, MOVES>;
 
     #[inline(always)]
     fn trunk(&self) -> Trunk<'_> {
@@ -124,14 +125,12 @@ impl Tree for Compressed {
     }
 
     #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
-        lanes: L,
+    fn walk<'a, const ANY: bool, const MOVES: bool>(
+        &'a self,
+        moment: &'a Moment,
         ray: &Ray,
-    ) -> Option<Met> {
-        let moment = &Moment::new(self.keys, ray.time);
-        let mut walk = Walk::<MOVES>::new(self, moment, ray)?;
-        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
+    ) -> Option<Self::Walk<'a, ANY, MOVES>> {
+        Walk::new(self, moment, ray)
     }
 
     /// What a ray met on a leaf.

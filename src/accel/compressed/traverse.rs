@@ -12,7 +12,7 @@ use crate::accel::boxes::Boxes;
 use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::simd::{LANES, Lanes, Nibbles};
-use crate::accel::traversal::{Found, Visitor};
+use crate::accel::traversal::{Found, Visitor, Way};
 use crate::accel::waiting::{Stack, Waiting};
 use crate::math::Ray;
 
@@ -26,7 +26,7 @@ pub(in crate::accel) struct Met {
     pub(super) leaf: usize,
 }
 
-pub(super) struct Walk<'a, const MOVES: bool> {
+pub(in crate::accel) struct Walk<'a, const MOVES: bool> {
     tree: &'a Compressed,
     /// The patch at hand.
     number: u32,
@@ -39,17 +39,16 @@ pub(super) struct Walk<'a, const MOVES: bool> {
     ray: LatticeRay,
 }
 
-impl<const MOVES: bool> Visitor for Walk<'_, MOVES> {
+impl<const MOVES: bool> Visitor<MOVES> for Walk<'_, MOVES> {
     type Met = Met;
 
     #[inline(always)]
-    fn t_max(&self) -> f32 {
-        self.ray.t_max
-    }
-
-    #[inline(always)]
-    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
-        (self.tree.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    fn way(&self) -> Way<'_> {
+        Way {
+            top: &self.tree.top,
+            moment: self.moment,
+            ray: &self.ray,
+        }
     }
 
     #[inline(always)]

@@ -62,9 +62,9 @@ use super::Hit;
 use super::lattice::Lattice;
 use super::moment::Moment;
 use super::quads::SIDE;
-use super::simd::{Isa, Lanes};
+use super::simd::Isa;
 use super::top::Top;
-use super::traversal::{Tree, Trunk, visit};
+use super::traversal::{Tree, Trunk};
 use crate::math::{DVec3, Ray, Vec2};
 use crate::stats::AchievedError;
 use crate::surface::{ShellError, ShellTolerance};
@@ -138,6 +138,7 @@ impl Dbvh {
 
 impl Tree for Dbvh {
     type Met = Met;
+    type Walk<'a, const ANY: bool, const MOVES: bool> = Walk<'a, MOVES>;
 
     #[inline(always)]
     fn trunk(&self) -> Trunk<'_> {
@@ -150,14 +151,12 @@ impl Tree for Dbvh {
     }
 
     #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
-        lanes: L,
+    fn walk<'a, const ANY: bool, const MOVES: bool>(
+        &'a self,
+        moment: &'a Moment,
         ray: &Ray,
-    ) -> Option<Met> {
-        let moment = &Moment::new(self.keys(), ray.time);
-        let mut walk = Walk::<MOVES>::new(self, moment, ray)?;
-        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
+    ) -> Option<Self::Walk<'a, ANY, MOVES>> {
+        Walk::new(self, moment, ray)
     }
 
     fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {

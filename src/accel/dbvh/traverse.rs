@@ -11,7 +11,7 @@ use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::quads::Sheared;
 use crate::accel::simd::{LANES, Lanes};
-use crate::accel::traversal::{Found, Visitor};
+use crate::accel::traversal::{Found, Visitor, Way};
 use crate::accel::triangle::TriangleHit;
 use crate::accel::waiting::{Stack, Waiting};
 use crate::math::Ray;
@@ -29,7 +29,7 @@ pub(in crate::accel) struct Met {
     pub(super) second: bool,
 }
 
-pub(super) struct Walk<'a, const MOVES: bool> {
+pub(in crate::accel) struct Walk<'a, const MOVES: bool> {
     tree: &'a Dbvh,
     reader: Reader<'a>,
     /// The patch at hand.
@@ -64,17 +64,16 @@ fn shear_point(ray: &LatticeRay, p: [f32; 3]) -> [f32; 3] {
     shear(ray, [0, 1, 2].map(|k| p[k] - ray.origin[k]))
 }
 
-impl<const MOVES: bool> Visitor for Walk<'_, MOVES> {
+impl<const MOVES: bool> Visitor<MOVES> for Walk<'_, MOVES> {
     type Met = Met;
 
     #[inline(always)]
-    fn t_max(&self) -> f32 {
-        self.ray.t_max
-    }
-
-    #[inline(always)]
-    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
-        (self.tree.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    fn way(&self) -> Way<'_> {
+        Way {
+            top: &self.tree.top,
+            moment: self.moment,
+            ray: &self.ray,
+        }
     }
 
     #[inline(always)]

@@ -70,9 +70,9 @@ use super::Hit;
 use super::lattice::Lattice;
 use super::moment::Moment;
 use super::prism::corners_at;
-use super::simd::{Isa, Lanes};
+use super::simd::Isa;
 use super::top::Top;
-use super::traversal::{Tree, Trunk, visit};
+use super::traversal::{Tree, Trunk};
 use crate::math::{DVec3, Ray, Vec2, Vec3};
 use crate::stats::AchievedError;
 use crate::surface::EdgeUse;
@@ -378,6 +378,7 @@ impl Nonlinear {
 
 impl Tree for Nonlinear {
     type Met = Met;
+    type Walk<'a, const ANY: bool, const MOVES: bool> = Walk<'a, MOVES>;
 
     #[inline(always)]
     fn trunk(&self) -> Trunk<'_> {
@@ -390,14 +391,12 @@ impl Tree for Nonlinear {
     }
 
     #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
-        lanes: L,
+    fn walk<'a, const ANY: bool, const MOVES: bool>(
+        &'a self,
+        moment: &'a Moment,
         ray: &Ray,
-    ) -> Option<Met> {
-        let moment = &Moment::new(self.keys, ray.time);
-        let mut walk = Walk::<MOVES>::new(self, moment, ray);
-        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
+    ) -> Option<Self::Walk<'a, ANY, MOVES>> {
+        Some(Walk::new(self, moment, ray))
     }
 
     fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {

@@ -17,8 +17,8 @@ use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::prism::{Parts, Pole, Sheared, Span, cross, of_half};
 use crate::accel::simd::{LANES, Lanes};
-use crate::accel::traversal::{Found, Visitor};
-use crate::accel::waiting::{Stack, Waiting};
+use crate::accel::traversal::{Found, Visitor, Way};
+use crate::accel::waiting::Stack;
 use crate::math::Ray;
 
 /// Where a ray met the surface.
@@ -35,7 +35,7 @@ pub(in crate::accel) struct Met {
     pub(super) wall: Option<(usize, bool)>,
 }
 
-pub(super) struct Walk<'a, const MOVES: bool> {
+pub(in crate::accel) struct Walk<'a, const MOVES: bool> {
     of: &'a Nonlinear,
     moment: &'a Moment,
     sheared: Sheared,
@@ -46,17 +46,16 @@ pub(super) struct Walk<'a, const MOVES: bool> {
     ray: LatticeRay,
 }
 
-impl<const MOVES: bool> Visitor for Walk<'_, MOVES> {
+impl<const MOVES: bool> Visitor<MOVES> for Walk<'_, MOVES> {
     type Met = Met;
 
     #[inline(always)]
-    fn t_max(&self) -> f32 {
-        self.ray.t_max
-    }
-
-    #[inline(always)]
-    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
-        (self.of.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    fn way(&self) -> Way<'_> {
+        Way {
+            top: &self.of.top,
+            moment: self.moment,
+            ray: &self.ray,
+        }
     }
 
     #[inline(always)]

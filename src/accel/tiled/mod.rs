@@ -51,9 +51,9 @@ use super::Hit;
 use super::lattice::Lattice;
 use super::moment::Moment;
 use super::prism::{HALVES, corners_at, of_half};
-use super::simd::{Isa, Lanes};
+use super::simd::Isa;
 use super::top::Top;
-use super::traversal::{Tree, Trunk, visit};
+use super::traversal::{Tree, Trunk};
 use crate::math::{DVec2, DVec3, Ray, Vec2, Vec3};
 use crate::stats::AchievedError;
 use crate::surface::ShellError;
@@ -156,6 +156,7 @@ impl Tiled {
 
 impl Tree for Tiled {
     type Met = Met;
+    type Walk<'a, const ANY: bool, const MOVES: bool> = Walk<'a, ANY, MOVES>;
 
     #[inline(always)]
     fn trunk(&self) -> Trunk<'_> {
@@ -168,14 +169,12 @@ impl Tree for Tiled {
     }
 
     #[inline(always)]
-    fn meet<L: Lanes, const ANY: bool, const MOVES: bool>(
-        &self,
-        lanes: L,
+    fn walk<'a, const ANY: bool, const MOVES: bool>(
+        &'a self,
+        moment: &'a Moment,
         ray: &Ray,
-    ) -> Option<Met> {
-        let moment = &Moment::new(self.keys, ray.time);
-        let mut walk = Walk::<ANY, MOVES>::new(self, moment, ray);
-        visit::<L, _, ANY>(lanes, self.top.root()?, &mut walk)
+    ) -> Option<Self::Walk<'a, ANY, MOVES>> {
+        Some(Walk::new(self, moment, ray))
     }
 
     fn hit_on(&self, ray: &Ray, met: &Met) -> Hit {

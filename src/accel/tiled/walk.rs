@@ -10,7 +10,7 @@ use crate::accel::lattice::LatticeRay;
 use crate::accel::moment::Moment;
 use crate::accel::prism::{Parts, Sheared, Span, cross, of_half};
 use crate::accel::simd::{LANES, Lanes};
-use crate::accel::traversal::{Found, Visitor, visit};
+use crate::accel::traversal::{Found, Visitor, Way, visit};
 use crate::accel::waiting::{Stack, Waiting};
 use crate::math::{DVec3, Ray, Vec3, first_cubic_root};
 
@@ -27,7 +27,7 @@ pub(in crate::accel) struct Met {
     pub(super) placed: u32,
 }
 
-pub(super) struct Walk<'a, const ANY: bool, const MOVES: bool> {
+pub(in crate::accel) struct Walk<'a, const ANY: bool, const MOVES: bool> {
     of: &'a Tiled,
     moment: &'a Moment,
     sheared: Sheared,
@@ -37,17 +37,16 @@ pub(super) struct Walk<'a, const ANY: bool, const MOVES: bool> {
     ray: LatticeRay,
 }
 
-impl<const ANY: bool, const MOVES: bool> Visitor for Walk<'_, ANY, MOVES> {
+impl<const ANY: bool, const MOVES: bool> Visitor<MOVES> for Walk<'_, ANY, MOVES> {
     type Met = Met;
 
     #[inline(always)]
-    fn t_max(&self) -> f32 {
-        self.ray.t_max
-    }
-
-    #[inline(always)]
-    fn node<L: Lanes>(&mut self, lanes: L, node: u32, stack: &mut Stack) -> Option<Waiting> {
-        (self.of.top).enter::<L, MOVES>(lanes, node, self.moment, &self.ray, stack)
+    fn way(&self) -> Way<'_> {
+        Way {
+            top: &self.of.top,
+            moment: self.moment,
+            ray: &self.ray,
+        }
     }
 
     #[inline(always)]
@@ -279,18 +278,22 @@ impl<'a, const ANY: bool, const MOVES: bool> Walk<'a, ANY, MOVES> {
         };
         in_tile.ray.widen(passage.wider);
         in_tile.ray.end(ray.t_max.min(in_tile.place(self.t[1])));
-        let met = visit::<L, _, ANY>(lanes, tile.top.root()?, &mut in_tile);
+        let met = visit::<L, _, ANY, false>(lanes, tile.top.root()?, &mut in_tile);
         self.t = in_tile.t;
         met
     }
 }
 
-impl Visitor for InTile<'_> {
+impl Visitor<false> for InTile<'_> {
     type Met = Met;
 
     #[inline(always)]
-    fn t_max(&self) -> f32 {
-        self.ray.t_max
+    fn way(&self) -> Way<'_> {
+        Way {
+            top: &self.of.top,
+            moment: &Moment::STILL,
+            ray: &self.ray,
+        }
     }
 
     #[inline(always)]
