@@ -121,8 +121,8 @@ impl Boxes {
         let (origin, unit) = (lanes.floats(origin), lanes.floats(unit));
         let [first, last] = self.planes(lanes, k, backwards);
         [
-            lanes.add(lanes.mul(first, unit), origin),
-            lanes.add(lanes.mul(last, unit), origin),
+            lanes.mul_add(first, unit, origin),
+            lanes.mul_add(last, unit, origin),
         ]
     }
 
@@ -160,14 +160,8 @@ fn meet<L: Lanes>(
     for k in 0..3 {
         let [first, last] = planes(k, ray.inverse[k] < 0.0);
         let scale = lanes.floats(scale[k]);
-        near = lanes.max(
-            near,
-            lanes.add(lanes.mul(first, scale), lanes.floats(enter[k])),
-        );
-        far = lanes.min(
-            far,
-            lanes.add(lanes.mul(last, scale), lanes.floats(leave[k])),
-        );
+        near = lanes.max(near, lanes.mul_add(first, scale, lanes.floats(enter[k])));
+        far = lanes.min(far, lanes.mul_add(last, scale, lanes.floats(leave[k])));
     }
     lanes.store(near, entries);
     lanes.less_equal(near, far)

@@ -191,10 +191,10 @@ impl<'a, const MOVES: bool> Walk<'a, MOVES> {
         let zero = lanes.floats(0.0);
         for k in 0..2 {
             let way = lanes.sub(lanes.floats(starts[k]), lanes.load(&cuts[k].middle));
-            above = lanes.sub(above, lanes.mul(slopes[k], way));
-            grows = lanes.sub(grows, lanes.mul(slopes[k], lanes.floats(steps[k])));
+            above = lanes.sub_mul(above, slopes[k], way);
+            grows = lanes.sub_mul(grows, slopes[k], lanes.floats(steps[k]));
             let steep = lanes.max(slopes[k], lanes.sub(zero, slopes[k]));
-            slack = lanes.add(slack, lanes.mul(steep, lanes.floats(slacks[k])));
+            slack = lanes.mul_add(steep, lanes.floats(slacks[k]), slack);
         }
         let [below, over] = slabs.depths;
         let inverse = lanes.div(lanes.floats(1.0), grows);

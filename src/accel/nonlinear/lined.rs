@@ -90,7 +90,7 @@ fn halves<L: Lanes>(lanes: L, u: f32, v: f32) -> L::Floats {
 /// `c + s (b + s a)`.
 #[inline(always)]
 fn value<L: Lanes>(lanes: L, [c, b, a]: [L::Floats; 3], s: L::Floats) -> L::Floats {
-    lanes.add(c, lanes.mul(s, lanes.add(b, lanes.mul(s, a))))
+    lanes.mul_add(s, lanes.mul_add(s, a, b), c)
 }
 
 /// A piece of a curve, made ready for lines: quadratics less `c` times other ones are zero where it passes the line of
@@ -151,12 +151,12 @@ impl<'a, L: Lanes> Lined<'a, L> {
             self.past_first(node.first, 1),
         );
         let firsts = halves(lanes, u, v);
-        let lines = lanes.add(lanes.mul(self.lines, lanes.floats(side)), firsts);
+        let lines = lanes.mul_add(self.lines, lanes.floats(side), firsts);
         // A curve along the face's border must not count as beyond it.
         let lines = lanes.if_less(lines, self.sizes, lines, lanes.floats(FAR));
-        let c = lanes.sub(self.own[0], lanes.mul(lines, self.common[0]));
-        let b = lanes.sub(self.own[1], lanes.mul(lines, self.common[1]));
-        let a = lanes.sub(self.own[2], lanes.mul(lines, self.common[2]));
+        let c = lanes.sub_mul(self.own[0], lines, self.common[0]);
+        let b = lanes.sub_mul(self.own[1], lines, self.common[1]);
+        let a = lanes.sub_mul(self.own[2], lines, self.common[2]);
         let zero = lanes.floats(0.0);
         let (from, to) = (lanes.floats(node.from), lanes.floats(node.to));
         let discriminant = lanes.sub(
@@ -197,8 +197,8 @@ impl<'a, L: Lanes> Lined<'a, L> {
             lanes.floats(self.curve.height),
             lanes.floats(self.curve.grows),
         );
-        let h0 = lanes.add(h, lanes.mul(begin, grows));
-        let h1 = lanes.add(h, lanes.mul(end, grows));
+        let h0 = lanes.mul_add(begin, grows, h);
+        let h1 = lanes.mul_add(end, grows, h);
         let slack = lanes.floats(SLACK);
         lanes.less(begin, end)
             & lanes.less_equal(lanes.sub(low, slack), lanes.max(h0, h1))

@@ -100,6 +100,7 @@ impl<'a, const MOVES: bool> Walk<'a, MOVES> {
         let heights = [f64::from(leaf.low) - 1.0, f64::from(leaf.high) + 1.0];
         let mut parts = Parts::new([self.t_min, self.t_max]);
         let poles = cross(
+            lanes,
             &mut parts,
             &self.sheared,
             &corners,

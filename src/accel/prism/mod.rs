@@ -16,13 +16,15 @@
 //! runs along has no d; the ray is turned by a few billionths of a right angle, so that none runs along the axes and planes
 //! that scenes are made of.
 
+mod cross;
 mod fold;
 mod lifted;
 
 use arrayvec::ArrayVec;
 
 use super::moment::Moment;
-use crate::math::{DVec3, Ray, Vec3, quadratic};
+use crate::math::{DVec3, Ray, Vec3};
+pub(in crate::accel) use cross::cross;
 pub(in crate::accel) use fold::may_fold;
 use fold::unfold;
 pub(in crate::accel) use lifted::{Corners, Lifted};
@@ -39,13 +41,12 @@ pub(in crate::accel) struct Sheared {
     per_step: f64,
 }
 
-/// A corner's line.
+/// A corner's line, as far as it goes along the ray.
 #[derive(Debug, Clone, Copy, Default)]
 pub(in crate::accel) struct Pole {
-    /// Across the ray twice, then its `t`, at height 0.
-    pub(in crate::accel) foot: [f64; 3],
-    /// The same for a step of height.
-    pub(in crate::accel) rise: [f64; 3],
+    /// `t` at height 0, and for a step of height.
+    foot: f64,
+    rise: f64,
 }
 
 /// A part of a ray within a triangle's prism, from one end to the other: `t` is less there, and grows unless the prism folds.
@@ -81,33 +82,13 @@ impl Sheared {
             per_step,
         }
     }
-
-    /// A corner's line, which starts at `p` and goes on by `n`.
-    #[inline(always)]
-    pub(in crate::accel) fn pole(&self, [p, n]: [DVec3; 2]) -> Pole {
-        let p = p - self.origin;
-        Pole {
-            foot: self.sheared(p),
-            rise: self.sheared(n),
-        }
-    }
-
-    #[inline(always)]
-    fn sheared(&self, v: DVec3) -> [f64; 3] {
-        let [x, y, z] = self.axes;
-        [
-            v[x] - self.shear[0] * v[z],
-            v[y] - self.shear[1] * v[z],
-            v[z] * self.per_step,
-        ]
-    }
 }
 
 impl Pole {
     /// `t` of the point at a height.
     #[inline(always)]
     pub(in crate::accel) fn t(&self, height: f64) -> f64 {
-        self.foot[2] + height * self.rise[2]
+        self.foot + height * self.rise
     }
 }
 
@@ -151,60 +132,6 @@ fn corner_at(all: &[[Vec3; 2]], number: usize, of_key: usize, moment: &Moment) -
         a * from[0] + b * p.as_dvec3(),
         a * from[1] + b * n.as_dvec3(),
     ]
-}
-
-/// U of a side, by powers of h, and its Bernstein coefficients between the quad's heights.
-#[derive(Debug, Clone, Copy)]
-struct Side {
-    powers: [f64; 3],
-    bernstein: [f64; 3],
-}
-
-impl Side {
-    #[inline(always)]
-    pub(in crate::accel) fn new(i: &Pole, j: &Pole, heights: [f64; 2]) -> Self {
-        let cross = |a: &[f64; 3], b: &[f64; 3]| a[0] * b[1] - a[1] * b[0];
-        let mut new = Self {
-            powers: [
-                cross(&i.foot, &j.foot),
-                cross(&i.foot, &j.rise) + cross(&i.rise, &j.foot),
-                cross(&i.rise, &j.rise),
-            ],
-            bernstein: [0.0; 3],
-        };
-        new.bernstein = [new.at(heights[0]), new.between(heights), new.at(heights[1])];
-        new
-    }
-
-    /// The same seen from the other side.
-    #[inline(always)]
-    pub(in crate::accel) fn reversed(&self) -> Self {
-        Self {
-            powers: self.powers.map(|x| -x),
-            bernstein: self.bernstein.map(|x| -x),
-        }
-    }
-
-    #[inline(always)]
-    fn at(&self, h: f64) -> f64 {
-        let [a, b, c] = self.powers;
-        a + h * (b + h * c)
-    }
-
-    /// Its middle Bernstein coefficient between two heights.
-    #[inline(always)]
-    fn between(&self, [from, to]: [f64; 2]) -> f64 {
-        let [a, b, c] = self.powers;
-        a + 0.5 * b * (from + to) + c * from * to
-    }
-}
-
-/// A place where a ray may enter or leave.
-#[derive(Clone, Copy)]
-struct Cut {
-    height: f64,
-    /// The side that it is on, if it is on one.
-    side: Option<usize>,
 }
 
 /// The most parts of a ray in one prism: three quadratics cut it six times.
@@ -256,147 +183,6 @@ impl Parts {
         self.near[k] = f64::INFINITY;
         Some(&self.all[k])
     }
-}
-
-/// Finds the parts of the ray between two heights in the prisms over a quad; the lines of its corners as the ray sees them.
-#[inline(always)]
-pub(in crate::accel) fn cross(
-    parts: &mut Parts,
-    sheared: &Sheared,
-    corners: &[[DVec3; 2]; 4],
-    heights: [f64; 2],
-    may_fold: bool,
-) -> [Pole; 4] {
-    let poles = [
-        sheared.pole(corners[0]),
-        sheared.pole(corners[1]),
-        sheared.pole(corners[2]),
-        sheared.pole(corners[3]),
-    ];
-    let [a, b, c, d] = &poles;
-    let diagonal = Side::new(b, c, heights);
-    let sides = [
-        [diagonal, Side::new(c, a, heights), Side::new(a, b, heights)],
-        [
-            diagonal.reversed(),
-            Side::new(b, d, heights),
-            Side::new(d, c, heights),
-        ],
-    ];
-    for (half, sides) in sides.into_iter().enumerate() {
-        find(
-            parts,
-            of_half(&poles, half),
-            sides,
-            heights,
-            (half, may_fold),
-        );
-    }
-    poles
-}
-
-/// Finds the parts of the ray between two heights in the prism of a triangle: three corners, and the sides opposite.
-#[inline(always)]
-fn find(
-    parts: &mut Parts,
-    corners: [&Pole; 3],
-    sides: [Side; 3],
-    [low, high]: [f64; 2],
-    (triangle, may_fold): (usize, bool),
-) {
-    let mut possible = [true; 2];
-    for side in &sides {
-        let [a, b, c] = side.bernstein;
-        possible[0] &= !(a < 0.0 && b < 0.0 && c < 0.0);
-        possible[1] &= !(a > 0.0 && b > 0.0 && c > 0.0);
-    }
-    if possible == [false; 2] {
-        return;
-    }
-    let end = |height| Cut { height, side: None };
-    let mut cuts: ArrayVec<Cut, 8> = ArrayVec::new();
-    cuts.push(end(low));
-    for (k, side) in sides.iter().enumerate() {
-        let [p, q, r] = side.bernstein;
-        if (p > 0.0) == (q > 0.0) && (q > 0.0) == (r > 0.0) {
-            continue;
-        }
-        let [a, b, c] = side.powers;
-        for height in quadratic(c, b, a).into_iter().flatten() {
-            if height > low && height < high {
-                let mut at = cuts.len();
-                cuts.push(end(height));
-                while cuts[at - 1].height > height {
-                    cuts[at] = cuts[at - 1];
-                    at -= 1;
-                }
-                let side = Some(k);
-                cuts[at] = Cut { height, side };
-            }
-        }
-    }
-    cuts.push(end(high));
-    for pair in cuts.windows(2) {
-        let [from, to] = [pair[0], pair[1]];
-        let middle = 0.5 * (from.height + to.height);
-        let inside = [
-            sides[0].at(middle),
-            sides[1].at(middle),
-            sides[2].at(middle),
-        ];
-        let sign = match inside {
-            _ if possible[0] && inside.iter().all(|&u| u >= 0.0) => 1.0,
-            _ if possible[1] && inside.iter().all(|&u| u <= 0.0) => -1.0,
-            _ => continue,
-        };
-        if let Some(span) = span(corners, &sides, [from, to], sign) {
-            if may_fold {
-                unfold(&span, corners, |part| parts.add(part, triangle));
-            } else {
-                parts.add(span, triangle);
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn span(corners: [&Pole; 3], sides: &[Side; 3], ends: [Cut; 2], sign: f64) -> Option<Span> {
-    let heights = [ends[0].height, ends[1].height];
-    // By end, or the middle, and corner.
-    let mut weights = [[0.0; 3]; 3];
-    let mut t = [0.0; 2];
-    for (e, end) in ends.iter().enumerate() {
-        let mut sum = 0.0;
-        for k in 0..3 {
-            let u = if end.side == Some(k) {
-                0.0
-            } else {
-                // Beyond by a rounding, where sides meet.
-                (sign * sides[k].at(end.height)).max(0.0)
-            };
-            weights[2 * e][k] = u;
-            sum += u;
-        }
-        if sum.is_nan() || sum <= 0.0 {
-            return None;
-        }
-        let mut along = 0.0;
-        for k in 0..3 {
-            along += weights[2 * e][k] * corners[k].t(end.height);
-        }
-        t[e] = along / sum;
-    }
-    for k in 0..3 {
-        weights[1][k] = sign * sides[k].between(heights);
-    }
-    let sides = [ends[0].side, ends[1].side];
-    let span = Span {
-        heights,
-        weights,
-        t,
-        sides,
-    };
-    Some(span.onward())
 }
 
 impl Span {

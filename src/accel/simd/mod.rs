@@ -2,10 +2,11 @@
 //!
 //! A [`Body`] is written once over the operations of [`Lanes`]; [`Isa::run`] compiles it for each instruction set and
 //! runs the one that was chosen when the program found out what the processor has. All operations are those of IEEE
-//! 754 one by one, none is fused: every instruction set gives the same bits, and the tests hold it to that. Sixteen
-//! lanes are the children of a node, or two rows of eight vertices.
+//! 754 one by one, and those that are fused say so: every instruction set gives the same bits, and the tests hold it to
+//! that. Sixteen lanes are the children of a node, or two rows of eight vertices.
 #![allow(unsafe_code)]
 
+mod doubles;
 mod portable;
 #[cfg(test)]
 mod tests;
@@ -14,6 +15,7 @@ mod x86;
 
 use bytemuck::{Pod, Zeroable};
 
+pub(super) use doubles::{Doubles, EIGHT};
 pub(super) use portable::Portable;
 
 /// Lanes in a register.
@@ -32,7 +34,7 @@ const FROM_HALF: f32 = f32::from_bits(239 << 23);
 pub(super) const FIELD_PADDING: usize = 16;
 
 /// Operations on sixteen lanes. The value itself is the permission to use an instruction set.
-pub(super) trait Lanes: Copy {
+pub(super) trait Lanes: Doubles {
     /// Sixteen numbers of single precision.
     type Floats: Copy;
     /// Sixteen integers of 32 bits, which wrap around.
@@ -53,6 +55,10 @@ pub(super) trait Lanes: Copy {
     fn sub(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     fn mul(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     fn div(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
+    /// `a b + c`, rounded once.
+    fn mul_add(self, a: Self::Floats, b: Self::Floats, c: Self::Floats) -> Self::Floats;
+    /// `c - a b`, rounded once.
+    fn sub_mul(self, c: Self::Floats, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     /// The lesser one; `b` if either is not a number.
     fn min(self, a: Self::Floats, b: Self::Floats) -> Self::Floats;
     /// The greater one; `b` if either is not a number.
@@ -206,7 +212,7 @@ impl Isa {
         let mut all = vec![Self(Set::Portable)];
         #[cfg(target_arch = "x86_64")]
         {
-            if is_x86_feature_detected!("avx2") {
+            if x86::has_avx2() {
                 all.push(Self(Set::Avx2));
             }
             if x86::has_avx512() {

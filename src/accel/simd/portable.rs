@@ -72,6 +72,14 @@ impl Lanes for Portable {
         each(a, b, |a, b| a / b)
     }
     #[inline(always)]
+    fn mul_add(self, a: Floats, b: Floats, c: Floats) -> Floats {
+        std::array::from_fn(|i| a[i].mul_add(b[i], c[i]))
+    }
+    #[inline(always)]
+    fn sub_mul(self, c: Floats, a: Floats, b: Floats) -> Floats {
+        std::array::from_fn(|i| (-a[i]).mul_add(b[i], c[i]))
+    }
+    #[inline(always)]
     fn min(self, a: Floats, b: Floats) -> Floats {
         each(a, b, |a, b| if a < b { a } else { b })
     }

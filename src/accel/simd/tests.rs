@@ -32,6 +32,8 @@ impl Body for All<'_> {
             lanes.sub(a, b),
             lanes.mul(a, b),
             lanes.div(a, b),
+            lanes.mul_add(a, b, lanes.floats(self.a[2])),
+            lanes.sub_mul(b, a, lanes.floats(self.b[1])),
             lanes.min(a, b),
             lanes.max(a, b),
             lanes.next_in_row(a),
@@ -84,6 +86,61 @@ impl Body for All<'_> {
             out.extend(stored.map(f32::to_bits));
         }
         out
+    }
+}
+
+/// The same of double precision.
+struct AllDoubles([[f64; EIGHT]; 3]);
+
+impl Body for AllDoubles {
+    type Output = Vec<u64>;
+
+    #[inline(always)]
+    fn run<L: Lanes>(self, lanes: L) -> Vec<u64> {
+        let [a, b, c] = [
+            lanes.load_doubles(&self.0[0]),
+            lanes.load_doubles(&self.0[1]),
+            lanes.load_doubles(&self.0[2]),
+        ];
+        let all = [
+            lanes.add_doubles(a, b),
+            lanes.sub_doubles(a, b),
+            lanes.mul_doubles(a, b),
+            lanes.div_doubles(a, b),
+            lanes.mul_sub_doubles(a, b, c),
+            lanes.root_doubles(a),
+            lanes.with_signs(lanes.root_doubles(c), a),
+            lanes.doubles(self.0[1][2]),
+            lanes.pick_doubles(&[3, 0, 7, 7, 1, 2, 6, 4], c),
+        ];
+        let mut out = vec![u64::from(lanes.less_doubles(a, b))];
+        for values in all {
+            let mut stored = [0.0; EIGHT];
+            lanes.store_doubles(values, &mut stored);
+            let bits = |x: f64| if x.is_nan() { f64::NAN } else { x }.to_bits();
+            out.extend(stored.map(bits));
+        }
+        out
+    }
+}
+
+#[test]
+fn all_sets_agree_on_doubles_to_the_bit() {
+    let mut random = Random(12);
+    for _ in 0..2000 {
+        let mut value = || match (10.0 * random.next()) as u32 {
+            0 => 0.0,
+            1 => -0.0,
+            2 => f64::INFINITY,
+            3 => f64::NAN,
+            _ => f64::from(random.next() - 0.5) / f64::from(random.next()),
+        };
+        let mut eight = || std::array::from_fn(|_| value());
+        let all = [eight(), eight(), eight()];
+        let expected = Isa(Set::Portable).run(AllDoubles(all));
+        for isa in Isa::all() {
+            assert_eq!(isa.run(AllDoubles(all)), expected, "{isa:?}, {all:?}");
+        }
     }
 }
 

@@ -10,12 +10,13 @@ macro_rules! op {
 
 mod avx2;
 mod avx512;
+mod doubles;
 
 use std::arch::x86_64::{__m128i, _MM_HINT_T0, _mm_loadl_epi64, _mm_prefetch, _mm_unpacklo_epi64};
 
 use super::{Body, FIELD_PADDING, FIELDS, Fields, LANES};
 
-/// Exists only while code for AVX2 runs.
+/// Exists only while code for AVX2 runs, with FMA and the instructions on bits that came with both.
 #[derive(Clone, Copy)]
 pub(super) struct Avx2(());
 
@@ -23,29 +24,35 @@ pub(super) struct Avx2(());
 #[derive(Clone, Copy)]
 pub(super) struct Avx512(());
 
-/// Whether the processor has what [`run_avx512`] asks for.
-pub(super) fn has_avx512() -> bool {
-    is_x86_feature_detected!("avx512f")
-        && is_x86_feature_detected!("avx512bw")
-        && is_x86_feature_detected!("avx512dq")
-        && is_x86_feature_detected!("avx512vl")
-        && is_x86_feature_detected!("avx2")
+/// Whether the processor has what [`run_avx2`] asks for.
+pub(super) fn has_avx2() -> bool {
+    is_x86_feature_detected!("avx2")
+        && is_x86_feature_detected!("fma")
         && is_x86_feature_detected!("bmi1")
         && is_x86_feature_detected!("bmi2")
         && is_x86_feature_detected!("lzcnt")
         && is_x86_feature_detected!("popcnt")
 }
 
+/// Whether the processor has what [`run_avx512`] asks for.
+pub(super) fn has_avx512() -> bool {
+    has_avx2()
+        && is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512bw")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512vl")
+}
+
 /// # Safety
-/// The processor must have AVX2.
-#[target_feature(enable = "avx2")]
+/// The processor must have AVX2, FMA, BMI 1 and 2, and the counts of bits that come with them.
+#[target_feature(enable = "avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 pub(super) unsafe fn run_avx2<B: Body>(body: B) -> B::Output {
     body.run(Avx2(()))
 }
 
 /// # Safety
-/// The processor must have AVX-512 F, BW, DQ and VL, BMI 1 and 2, and the counts of bits that come with them.
-#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,bmi1,bmi2,lzcnt,popcnt")]
+/// The processor must have AVX-512 F, BW, DQ and VL, and what [`run_avx2`] asks for.
+#[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx2,fma,bmi1,bmi2,lzcnt,popcnt")]
 pub(super) unsafe fn run_avx512<B: Body>(body: B) -> B::Output {
     body.run(Avx512(()))
 }

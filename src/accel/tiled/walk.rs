@@ -121,6 +121,7 @@ impl<'a, const ANY: bool, const MOVES: bool> Walk<'a, ANY, MOVES> {
         let heights = [-super::MARGIN, 1.0 + super::MARGIN];
         let mut parts = Parts::new([self.t[0] as f32, self.t[1] as f32]);
         let poles = cross(
+            lanes,
             &mut parts,
             &self.sheared,
             &corners,

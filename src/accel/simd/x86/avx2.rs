@@ -5,26 +5,41 @@ use std::arch::x86_64::*;
 use super::{Avx2, four_places, prefetch_all, windows};
 use crate::accel::simd::{FROM_HALF, LANES, Lanes, NARROW_FIELDS, Nibbles};
 
-impl Avx2 {
-    /// For each bit that is set, one lane moved to another: `ways` says from where and to where, of the bit's lane and the
-    /// number of those before it. All lanes are below sixteen.
-    #[inline(always)]
-    fn moved(
-        self,
-        a: [__m256; 2],
-        bits: u32,
-        ways: impl Fn(usize, usize) -> [usize; 2],
-    ) -> [__m256; 2] {
-        let (mut all, mut out) = ([0.0; LANES], [0.0; LANES]);
-        self.store(a, &mut all);
-        let (mut bits, mut place) = (bits & 0xffff, 0);
-        while bits != 0 {
-            let [from, to] = ways(bits.trailing_zeros() as usize, place).map(|lane| lane % LANES);
-            out[to] = all[from];
-            bits &= bits - 1;
-            place += 1;
+/// A lane that stays empty.
+const NONE: u8 = 0x80;
+
+/// For each set of eight lanes: where these come from when they are put side by side, and where they come from when lanes that
+/// are side by side are put into them. A byte each.
+static MOVES: [[u64; 2]; 256] = {
+    let mut all = [[0; 2]; 256];
+    let mut bits = 0;
+    while bits < 256 {
+        let mut ways = [[NONE; 8]; 2];
+        let (mut lane, mut count) = (0, 0);
+        while lane < 8 {
+            if bits >> lane & 1 == 1 {
+                ways[0][count] = lane as u8;
+                ways[1][lane] = count as u8;
+                count += 1;
+            }
+            lane += 1;
         }
-        self.load(&out)
+        all[bits] = [u64::from_le_bytes(ways[0]), u64::from_le_bytes(ways[1])];
+        bits += 1;
+    }
+    all
+};
+
+impl Avx2 {
+    /// Eight lanes, each from the lane that a byte of `numbers` names.
+    #[inline(always)]
+    fn moved(self, a: __m256, numbers: u64) -> __m256 {
+        op!({
+            let numbers = _mm256_cvtepi8_epi32(_mm_cvtsi64_si128(numbers as i64));
+            let moved = _mm256_permutevar8x32_ps(a, numbers);
+            // Where the sign is set, zero.
+            _mm256_blendv_ps(moved, _mm256_setzero_ps(), _mm256_castsi256_ps(numbers))
+        })
     }
 }
 
@@ -76,6 +91,20 @@ impl Lanes for Avx2 {
     #[inline(always)]
     fn div(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
         op!([_mm256_div_ps(a[0], b[0]), _mm256_div_ps(a[1], b[1])])
+    }
+    #[inline(always)]
+    fn mul_add(self, a: [__m256; 2], b: [__m256; 2], c: [__m256; 2]) -> [__m256; 2] {
+        op!([
+            _mm256_fmadd_ps(a[0], b[0], c[0]),
+            _mm256_fmadd_ps(a[1], b[1], c[1])
+        ])
+    }
+    #[inline(always)]
+    fn sub_mul(self, c: [__m256; 2], a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
+        op!([
+            _mm256_fnmadd_ps(a[0], b[0], c[0]),
+            _mm256_fnmadd_ps(a[1], b[1], c[1])
+        ])
     }
     #[inline(always)]
     fn min(self, a: [__m256; 2], b: [__m256; 2]) -> [__m256; 2] {
@@ -222,13 +251,17 @@ impl Lanes for Avx2 {
         }
         let from = bytes.as_ptr().cast();
         let zero = op!(_mm256_setzero_si256());
-        // SAFETY: the token says that the instructions are there; all four bytes from each offset are whose bit is set.
-        Some(unsafe {
-            [
-                _mm256_mask_i32gather_epi32::<1>(zero, from, at[0], set[0]),
-                _mm256_mask_i32gather_epi32::<1>(zero, from, at[1], set[1]),
-            ]
-        })
+        let mut all = [zero; 2];
+        for half in 0..2 {
+            // Often few are asked for, and they are the first.
+            if bits >> (8 * half) & 0xff != 0 {
+                let (at, set) = (at[half], set[half]);
+                // SAFETY: the token says that the instructions are there; all four bytes from each offset are whose bit is
+                // set.
+                all[half] = unsafe { _mm256_mask_i32gather_epi32::<1>(zero, from, at, set) };
+            }
+        }
+        Some(all)
     }
     #[inline(always)]
     fn prefetch(self, bytes: &[u8], at: [__m256i; 2]) {
@@ -259,11 +292,32 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     fn compress(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
-        self.moved(a, bits, |lane, place| [lane, place])
+        let [low, high] = [bits & 0xff, bits >> 8 & 0xff].map(|bits| bits as usize);
+        let mut out = [0.0; LANES];
+        let second = low.count_ones() as usize;
+        // SAFETY: the token says that the instructions are there; 32 bytes are from each place, the second of which is 8 at
+        // most.
+        unsafe {
+            _mm256_storeu_ps(out.as_mut_ptr(), self.moved(a[0], MOVES[low][0]));
+            _mm256_storeu_ps(
+                out.as_mut_ptr().add(second),
+                self.moved(a[1], MOVES[high][0]),
+            );
+        }
+        self.load(&out)
     }
     #[inline(always)]
     fn expand(self, a: [__m256; 2], bits: u32) -> [__m256; 2] {
-        self.moved(a, bits, |lane, place| [place, lane])
+        let [low, high] = [bits & 0xff, bits >> 8 & 0xff].map(|bits| bits as usize);
+        let mut all = [0.0; LANES];
+        self.store(a, &mut all);
+        let second = low.count_ones() as usize;
+        // SAFETY: the token says that the instructions are there; 32 bytes are from the place on, which is 8 at most.
+        let rest = unsafe { _mm256_loadu_ps(all.as_ptr().add(second)) };
+        [
+            self.moved(a[0], MOVES[low][1]),
+            self.moved(rest, MOVES[high][1]),
+        ]
     }
     #[inline(always)]
     fn bytes(self, bytes: &[u8; LANES]) -> [__m256; 2] {

@@ -49,6 +49,14 @@ impl Lanes for Avx512 {
         op!(_mm512_div_ps(a, b))
     }
     #[inline(always)]
+    fn mul_add(self, a: __m512, b: __m512, c: __m512) -> __m512 {
+        op!(_mm512_fmadd_ps(a, b, c))
+    }
+    #[inline(always)]
+    fn sub_mul(self, c: __m512, a: __m512, b: __m512) -> __m512 {
+        op!(_mm512_fnmadd_ps(a, b, c))
+    }
+    #[inline(always)]
     fn min(self, a: __m512, b: __m512) -> __m512 {
         op!(_mm512_min_ps(a, b))
     }
