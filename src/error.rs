@@ -83,6 +83,12 @@ impl Error {
 
 impl From<Fault> for Error {
     fn from(fault: Fault) -> Self {
+        if fault.for_want_of_memory {
+            return Self::Memory {
+                message: fault.to_string(),
+                help: Some("let the program have more memory".to_owned()),
+            };
+        }
         Self::Input(Box::new(fault))
     }
 }
@@ -100,6 +106,8 @@ pub struct Fault {
     pub face: Option<usize>,
     /// What to do about it.
     pub help: Option<String>,
+    /// Whether nothing is wrong but that there was no memory to find out.
+    pub for_want_of_memory: bool,
 }
 
 impl Fault {
@@ -108,6 +116,14 @@ impl Fault {
         Self {
             message: message.into(),
             ..Self::default()
+        }
+    }
+
+    /// What could not be read for want of memory: it becomes an [`Error::Memory`].
+    pub fn for_want_of_memory(message: impl Into<String>) -> Self {
+        Self {
+            for_want_of_memory: true,
+            ..Self::new(message)
         }
     }
 
@@ -148,6 +164,7 @@ impl From<relievo_ptex::Error> for Fault {
             prim: None,
             face: e.face().map(|face| face as usize),
             help: Some(e.help().to_owned()),
+            for_want_of_memory: false,
         }
     }
 }
@@ -236,6 +253,8 @@ mod tests {
             "a.usda: /Cube: face 3: index 9 of 8 points"
         );
         assert_eq!(Error::from(fault).exit_code(), 3);
+        let fault = Fault::for_want_of_memory("too large").in_file("a.exr");
+        assert_eq!(Error::from(fault).exit_code(), 4);
     }
 
     #[test]

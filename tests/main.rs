@@ -28,6 +28,7 @@ mod pictures;
 mod ptex;
 mod ptex_convert;
 mod ptex_scene;
+mod refused;
 mod report;
 mod scenes;
 mod smooth;

@@ -47,6 +47,8 @@ pub(super) enum Kind {
     CannotWrite,
     /// No such part, channel or attribute.
     Absent,
+    /// The system has no more memory.
+    NoMemory,
     /// A bug of ours.
     Misuse,
 }
@@ -514,6 +516,7 @@ fn call<C: TryInto<u32>>(f: impl FnOnce(*mut c_char, usize) -> C) -> Result<(), 
         sys::OIIO_BORDER_CANNOT_READ => Kind::CannotRead,
         sys::OIIO_BORDER_CANNOT_WRITE => Kind::CannotWrite,
         sys::OIIO_BORDER_ABSENT => Kind::Absent,
+        sys::OIIO_BORDER_NO_MEMORY => Kind::NoMemory,
         _ => Kind::Misuse,
     };
     Err(Refusal {

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use half::f16;
 
-use super::border::{FileFormat, Header, Output, Refusal};
+use super::border::{FileFormat, Header, Kind, Output, Refusal};
+use super::chunks::are_all_there;
 use super::picture::{Channel, ChannelFormat, Part, Picture};
 use super::temporary::{failed, write_whole};
 use crate::{Error, Result};
@@ -17,12 +18,27 @@ const BAND: u32 = 256;
 pub fn write_exr(path: &Path, picture: &Picture) -> Result<()> {
     check(path, picture)?;
     write_whole(path, |temporary| {
-        write(temporary, picture).map_err(|refusal| refused(path, &refusal))
+        write(temporary, picture).map_err(|refusal| refused(path, &refusal))?;
+        if are_all_there(temporary).unwrap_or(false) {
+            return Ok(());
+        }
+        Err(no_memory(path))
     })
+}
+
+/// For want of memory.
+fn no_memory(path: &Path) -> Error {
+    Error::Memory {
+        message: format!("cannot write {}: out of memory", path.display()),
+        help: Some("let the program have more memory".to_owned()),
+    }
 }
 
 /// What a library said when it could not write, as an error about `path`.
 pub(super) fn refused(path: &Path, refusal: &Refusal) -> Error {
+    if refusal.kind == Kind::NoMemory {
+        return no_memory(path);
+    }
     failed(
         path,
         &refusal.message,
@@ -52,13 +68,20 @@ fn write(temporary: &Path, picture: &Picture) -> Result<(), Refusal> {
             .collect(),
         metadata: &picture.metadata,
     };
-    let mut output = Output::create(temporary, FileFormat::OpenExr, &header)?;
     // Bands end between tiles.
     let band = match picture.tile {
         Some(tile) => tile.saturating_mul((BAND / tile).max(1)),
         None => BAND,
     };
-    let mut packed = Vec::new();
+    // All that is needed is there before there is a file.
+    let most = picture
+        .parts
+        .iter()
+        .map(|part| pixel_bytes(&part.channels))
+        .max();
+    let rows = band.min(picture.height) as usize;
+    let mut packed = Vec::with_capacity(rows * picture.width as usize * most.unwrap_or(0));
+    let mut output = Output::create(temporary, FileFormat::OpenExr, &header)?;
     for part in &picture.parts {
         let row = picture.width as usize * part.channels.len();
         let mut y = 0;
@@ -75,6 +98,15 @@ fn write(temporary: &Path, picture: &Picture) -> Result<(), Refusal> {
         }
     }
     output.finish()
+}
+
+/// Bytes of a packed pixel.
+fn pixel_bytes(channels: &[Channel]) -> usize {
+    let bytes = |channel: &Channel| match channel.format {
+        ChannelFormat::Half => 2,
+        ChannelFormat::Float | ChannelFormat::Uint => 4,
+    };
+    channels.iter().map(bytes).sum()
 }
 
 /// Appends pixels, each channel in its format.

@@ -4,6 +4,7 @@
 //! [`PtexTexture`] reads Ptex files, which are looked up by face.
 
 mod border;
+mod chunks;
 mod exr;
 mod picture;
 mod png;

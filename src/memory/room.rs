@@ -1,7 +1,10 @@
 //! Large pieces of memory, which the system may refuse: under a limit (`ulimit -v`), or because it has no more.
 //!
-//! What is asked for here ends with [`Error::Memory`] then, where a collection that grows by itself ends the program.
+//! What is asked for here ends with [`Error::Memory`] then, which says what it was for; where a collection grows by itself,
+//! the program itself ends with the same exit code.
 //! Small pieces are not worth asking for: [`is_there`] tells beforehand whether there is enough for many of them.
+
+use exhausted::asking;
 
 use super::amount;
 use crate::error::{Error, Result};
@@ -12,7 +15,7 @@ pub const SMALL_PIECES: usize = 64 << 20;
 
 /// Whether the system would give so many bytes now.
 pub fn is_there(bytes: usize) -> bool {
-    Vec::<u8>::new().try_reserve_exact(bytes).is_ok()
+    asking(|| Vec::<u8>::new().try_reserve_exact(bytes)).is_ok()
 }
 
 /// An empty vector with room for so many items, which are called `what` (as in "micro-vertices").
@@ -21,7 +24,7 @@ pub fn is_there(bytes: usize) -> bool {
 /// If the system has no room for them.
 pub fn room_for<T>(count: usize, what: &str) -> Result<Vec<T>> {
     let mut items = Vec::new();
-    match items.try_reserve_exact(count) {
+    match asking(|| items.try_reserve_exact(count)) {
         Ok(()) => Ok(items),
         Err(_) => Err(refused::<T>(count, what)),
     }
@@ -50,7 +53,12 @@ pub fn filled<T: Clone>(count: usize, item: T, what: &str) -> Result<Vec<T>> {
 /// # Errors
 /// As [`room_for`].
 pub fn more_room<T>(items: &mut Vec<T>, more: usize, what: &str) -> Result<()> {
-    if items.try_reserve(more).is_ok() || items.try_reserve_exact(more).is_ok() {
+    let there = asking(|| {
+        items
+            .try_reserve(more)
+            .or_else(|_| items.try_reserve_exact(more))
+    });
+    if there.is_ok() {
         return Ok(());
     }
     Err(refused::<T>(items.len().saturating_add(more), what))

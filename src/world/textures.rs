@@ -243,6 +243,9 @@ fn missing(
     options: &BuildOptions,
     warnings: &mut Warnings,
 ) -> Result<Vec4> {
+    if fault.for_want_of_memory {
+        return Err(fault.at_prim(prim).into());
+    }
     if let Some(colour) = options.missing_textures {
         warnings.add(format!("missing texture {fault}"), || {
             format!("{prim}: {fault}")
@@ -252,7 +255,7 @@ fn missing(
     let mut fault = fault.at_prim(prim);
     let go_on = "render with --missing-textures magenta";
     fault.help = Some(match fault.help {
-        Some(help) => format!("{help}, or {go_on}"),
+        Some(help) => format!("{}, or {go_on}", help.trim_end_matches('.')),
         None => format!("repair the path, or {go_on}"),
     });
     Err(fault.into())

@@ -287,6 +287,10 @@ fn fault(path: &Path, refusal: &Refusal) -> Fault {
             format!("the image is cut off or damaged: {reason}"),
             "Copy or export it again.".into(),
         ),
+        Kind::NoMemory => {
+            return Fault::for_want_of_memory("the image cannot be read: out of memory")
+                .in_file(path);
+        }
         Kind::CannotWrite | Kind::Absent | Kind::Misuse => (
             format!("the image cannot be read: {reason}"),
             "Convert it to OpenEXR or PNG.".into(),

@@ -48,7 +48,7 @@ template<class Body> int guarded(int code, char* message, size_t message_size, B
     } catch (const std::bad_alloc&) {
         if (message && message_size > 0)
             std::snprintf(message, message_size, "out of memory");
-        return code;
+        return OIIO_BORDER_NO_MEMORY;
     } catch (const std::exception& e) {
         if (message && message_size > 0)
             std::snprintf(message, message_size, "%s", e.what());

@@ -28,7 +28,9 @@ enum {
     /* The call itself is wrong: a bug of the caller. */
     OIIO_BORDER_MISUSE = 6,
     /* There is no such part, channel or attribute. */
-    OIIO_BORDER_ABSENT = 7
+    OIIO_BORDER_ABSENT = 7,
+    /* The system has no more memory. */
+    OIIO_BORDER_NO_MEMORY = 8
 };
 
 /* What a channel's numbers are. In a file that is read, all formats not named here count as float:
