@@ -3,7 +3,11 @@
 # The openusd crate declares Rust 1.96 and builds on 1.95: see "Toolchain" in README.md.
 CARGO_FLAGS := --ignore-rust-version --locked
 PACKAGES    := libembree-dev libopenimageio-dev openimageio-tools libclang-dev g++ pkg-config
-RELIEVO     := target/release/relievo
+# One build for all: cargo compiles once more for every other choice of packages, for their features differ.
+BUILD_ALL   := cargo build --release --workspace --bins --examples
+TARGET      := $(or $(CARGO_TARGET_DIR),target)/release
+RELIEVO     := $(TARGET)/relievo
+MAKE_SCENES := $(TARGET)/examples/make_scenes
 OUT         := out
 
 # What `make scenes` writes: large maps from a seed, one cage by five schemes, shells and their tiles.
@@ -25,7 +29,7 @@ demo: build scenes
 	@echo "The picture is $(OUT)/first-light.exr, and for looking $(OUT)/first-light.png"
 
 build: deps
-	cargo build --release $(CARGO_FLAGS)
+	$(BUILD_ALL) $(CARGO_FLAGS)
 
 # Ptex for OpenImageIO's own tools and all that use it: OIIO_LIBRARY_PATH=target/plugin oiiotool --info -a some.ptx
 plugin: deps
@@ -45,9 +49,9 @@ explore: deps scenes
 	for round in $$(seq $(ROUNDS)); do cargo test --release $(CARGO_FLAGS) --lib || exit 1; done
 
 # Only what is missing or older than what makes it.
-scenes: deps $(MADE)
+scenes: $(MADE)
 
-MAKE_SCENES := cargo run --release $(CARGO_FLAGS) --example make_scenes --
+$(MADE): | build
 
 scenes/relief/made/relief.exr: $(wildcard examples/make_scenes/*.rs)
 	$(MAKE_SCENES) relief $@
@@ -66,7 +70,7 @@ scenes/ptex/made/%.ptx: scenes/ptex/ptex.usda $(wildcard examples/make_scenes/*.
 
 $(ATLAS_SEAMS)/atlas.usda: scenes/ptex/ptex.usda src/cli/atlas.rs $(wildcard src/atlas/*.rs)
 	@mkdir -p $(@D)
-	cargo run --release $(CARGO_FLAGS) -- atlas $< --prim /World/Gourd --margin 8 -o $@
+	$(RELIEVO) atlas $< --prim /World/Gourd --margin 8 -o $@
 
 # Margins stay empty: the seams are what the scene is for.
 $(ATLAS_SEAMS)/%.exr: scenes/ptex/made/%.ptx $(ATLAS_SEAMS)/atlas.usda scenes/atlas-seams/atlas-seams.usda \
@@ -76,14 +80,14 @@ $(ATLAS_SEAMS)/%.exr: scenes/ptex/made/%.ptx $(ATLAS_SEAMS)/atlas.usda scenes/at
 # √3 makes three faces of one and not four: it takes two levels more.
 scenes/schemes/made/%.usda: scenes/schemes/cage.obj src/cli/subdivide.rs $(wildcard src/subdiv/schemes/*.rs)
 	@mkdir -p $(@D)
-	cargo run --release $(CARGO_FLAGS) -- subdivide $< --scheme $* -n $(if $(filter sqrt3,$*),6,5) --limit -o $@
+	$(RELIEVO) subdivide $< --scheme $* -n $(if $(filter sqrt3,$*),6,5) --limit -o $@
 
 scenes/schemes/made/curve.svg: scenes/schemes/curve.obj
 	@mkdir -p $(@D)
-	cargo run --release $(CARGO_FLAGS) -- subdivide $< -n 4 -o $@
+	$(RELIEVO) subdivide $< -n 4 -o $@
 
 # The creature's cage is committed; this writes it anew.
-scenes/creature/tortoise.usda: examples/make_scenes/tortoise.rs
+scenes/creature/tortoise.usda: examples/make_scenes/tortoise.rs | build
 	$(MAKE_SCENES) tortoise $@
 
 lint: deps
