@@ -40,6 +40,8 @@ plugin: deps
 
 # The same random cases each time: what fails then is what was changed.
 test: export PROPTEST_RNG_SEED := 20261130
+# Tests are compiled beside the renderer: both take minutes on one processor each.
+test: BUILD_ALL := cargo test --release --workspace --no-run
 test: deps scenes
 	cargo test --release --workspace $(CARGO_FLAGS)
 
