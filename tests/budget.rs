@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
+use crate::common::effort;
 use crate::common::program::Bench;
 use relievo::world::Method;
 
@@ -365,9 +366,7 @@ fn a_store_and_textures_are_held_to_the_budget() {
 /// 4.8 million micro-triangles, times `RELIEVO_EFFORT`: at 100 (`make budgets`) they would take 40 GB as Embree's triangles.
 #[test]
 fn whatever_a_scene_would_take_a_render_keeps_to_its_budget() {
-    let effort: u64 = (std::env::var("RELIEVO_EFFORT").ok())
-        .and_then(|effort| effort.parse().ok())
-        .unwrap_or(1);
+    let effort = effort();
     let bench = Bench::new();
     bench.write("scene.usda", field(0));
     let program = program(&bench);

@@ -4,8 +4,9 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::common::program::{Bench, said};
-use crate::common::read;
+use crate::common::program::said;
+use crate::common::{effort, read};
+use crate::stored::sheet;
 use relievo::world::Method;
 
 /// Builds what is loaded before all libraries: see there.
@@ -21,63 +22,19 @@ fn refusing(folder: &Path) -> PathBuf {
     library
 }
 
-/// A dozen of faces with a displacement from an image, that much of everything is asked for.
-fn scene(bench: &Bench) {
-    let pixels: String = (0..256 * 256)
-        .map(|i| format!("{} ", (i * 7) % 256))
-        .collect();
-    bench.write("heights.pgm", format!("P2 256 256 255\n{pixels}"));
-    bench.write(
-        "scene.usda",
-        r#"#usda 1.0
-def DomeLight "Sky" { float inputs:intensity = 1 }
-def Material "Bumpy" {
-    token outputs:surface.connect = </Bumpy/Surface.outputs:surface>
-    token outputs:displacement.connect = </Bumpy/Surface.outputs:displacement>
-    def Shader "Surface" {
-        uniform token info:id = "UsdPreviewSurface"
-        float inputs:displacement.connect = </Bumpy/Heights.outputs:r>
-        token outputs:displacement
-        token outputs:surface
-    }
-    def Shader "Heights" {
-        uniform token info:id = "UsdUVTexture"
-        asset inputs:file = @heights.pgm@
-        float4 inputs:scale = (0.2, 0.2, 0.2, 1)
-        float2 inputs:st.connect = </Bumpy/Place.outputs:result>
-        float outputs:r
-    }
-    def Shader "Place" {
-        uniform token info:id = "UsdPrimvarReader_float2"
-        string inputs:varname = "st"
-        float2 outputs:result
-    }
-}
-def Mesh "Sheet" (prepend apiSchemas = ["MaterialBindingAPI"]) {
-    rel material:binding = </Bumpy>
-    int[] faceVertexCounts = [4, 4]
-    int[] faceVertexIndices = [0, 1, 4, 3, 1, 2, 5, 4]
-    point3f[] points = [(0, 0, 0), (2, 0, 1), (4, 0, 0), (0, 3, 0), (2, 3, 1), (4, 3, 0)]
-    texCoord2f[] primvars:st = [(0, 0), (0.5, 0), (1, 0), (0, 1), (0.5, 1), (1, 1)] (interpolation = "vertex")
-}
-"#,
-    );
-}
-
-const RENDER: &str = "render scene.usda -o out.exr --progress none --spp 1 -t 2 --res 96 64 --dicing-rate 0.5 --cache-size 1M";
+const RENDER: &str = "render sheet.usda -o out.exr --progress none --spp 1 -t 2 --res 96 64 --dicing-rate 0.5 --cache-size 1M";
 
 /// Each fifth piece, others by each method; `RELIEVO_EFFORT` of 5 or more refuses all, which takes some minutes.
 #[test]
 fn whichever_large_piece_of_memory_is_refused_the_program_ends_in_order() {
-    let bench = Bench::new();
-    scene(&bench);
+    let bench = sheet();
+    // Large enough for its pixels to be asked for as such a piece.
+    let pixels = "200 90 30 ".repeat(256 * 256);
+    bench.write("heights.ppm", format!("P3 256 256 255\n{pixels}"));
     let library = refusing(bench.folder());
     let told = bench.path("refused");
     let picture = bench.path("out.exr");
-    let effort: usize = (std::env::var("RELIEVO_EFFORT").ok())
-        .and_then(|effort| effort.parse().ok())
-        .unwrap_or(1);
-    let step = (5 / effort.max(1)).max(1);
+    let step = (5 / effort().max(1) as usize).max(1);
     for (first, method) in Method::ALL.into_iter().enumerate() {
         let render = |which: usize| {
             let _ = std::fs::remove_file(&picture);
@@ -116,7 +73,7 @@ fn whichever_large_piece_of_memory_is_refused_the_program_ends_in_order() {
                 .map(|entry| entry.expect("an entry").file_name())
                 .collect();
             left.sort();
-            let mut kept = vec!["heights.pgm", "refuse.so", "refused", "scene.usda"];
+            let mut kept = vec!["heights.ppm", "refuse.so", "refused", "sheet.usda"];
             if code == 0 {
                 kept.insert(1, "out.exr");
                 assert_eq!(read(&picture), whole, "{name}, {which}");

@@ -52,7 +52,7 @@ def Mesh "Sheet" (prepend apiSchemas = ["MaterialBindingAPI"]) {
 
 const HEIGHTS: &str = "P3\n2 2\n255\n0 0 0  200 0 0\n90 0 0  30 0 0\n";
 
-fn sheet() -> Bench {
+pub fn sheet() -> Bench {
     let bench = Bench::new();
     write_scene(bench.folder(), "sheet.usda", SHEET);
     bench.write("heights.ppm", HEIGHTS);

@@ -158,3 +158,9 @@ pub fn shared(test: &str) -> Option<PathBuf> {
     }
     folder
 }
+
+/// How many times as much is asked of a test as usual: the environment's `RELIEVO_EFFORT`.
+pub fn effort() -> u64 {
+    let effort = std::env::var("RELIEVO_EFFORT").ok();
+    effort.and_then(|effort| effort.parse().ok()).unwrap_or(1)
+}
