@@ -41,10 +41,12 @@ pub(super) fn prepare(
     (fineness, max_error): (Fineness, MaxError),
     camera: &dyn Fn() -> Result<Camera>,
 ) -> Result<Vec<Prepared>> {
-    let faces: u64 = objects
-        .iter()
-        .map(|object| Rates::uniform(&object.surface, 1).micro_triangles() / 2)
-        .sum();
+    let diced = |object: &Object| {
+        let surface = &object.surface;
+        let faces = 0..surface.base().faces();
+        faces.filter(|&face| !surface.is_even(face)).count() as u64
+    };
+    let faces: u64 = objects.iter().map(diced).sum();
     let camera = match fineness {
         Fineness::DicingRate(_) => Some(camera()?),
         Fineness::MicroTriangles(_) => None,
@@ -61,7 +63,7 @@ pub(super) fn prepare(
         (Fineness::DicingRate(_), None) => Rates::uniform(&object.surface, 1),
         (Fineness::MicroTriangles(count), _) => {
             let segments = (count as f64 / (2 * faces.max(1)) as f64).sqrt().round();
-            Rates::uniform(&object.surface, segments as u32)
+            Rates::uniform(&object.surface, segments as u32).sparing_even_faces(&object.surface)
         }
     };
     Ok(objects
@@ -84,10 +86,10 @@ pub(super) fn device(budget: &Budget) -> Result<Device> {
 
 /// By which method each object is traced.
 pub(super) fn methods(choice: Choice, prepared: &[Prepared], budget: &Budget) -> Vec<Method> {
-    let surfaces = prepared.iter().map(|p| (&*p.object.surface, &p.rates));
+    let surfaces = || prepared.iter().map(|p| &*p.object.surface);
     match choice {
-        Choice::One(method) => vec![method; prepared.len()],
-        Choice::Auto => chosen(surfaces, budget),
+        Choice::One(method) => surfaces().map(|surface| method.on(surface)).collect(),
+        Choice::Auto => chosen(surfaces().zip(prepared.iter().map(|p| &p.rates)), budget),
     }
 }
 

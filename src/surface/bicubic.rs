@@ -14,6 +14,9 @@ pub struct Bicubic(pub [Vec3; 16]);
 /// many units of 2^-24 of the largest coordinate.
 const ROUNDINGS: f32 = 32.0;
 
+/// Beyond the rounding of coordinates as large as the patch, and below what any picture shows.
+const EVEN: f32 = 1e-6;
+
 impl Bicubic {
     /// The point at `uv` with all derivatives.
     pub fn evaluate(&self, uv: Vec2) -> LimitPoint {
@@ -114,6 +117,17 @@ impl Bicubic {
             polar(column, rect.min.y, rect.max.y)
         });
         Self(std::array::from_fn(|i| columns[i % 4][i / 4].as_vec3()))
+    }
+
+    /// Whether it is linear in u and v, to [`EVEN`] of its size.
+    pub fn is_even(&self) -> bool {
+        let p = &self.0;
+        let (origin, du, dv) = (p[0], p[3] - p[0], p[12] - p[0]);
+        let allowed = EVEN * Bounds3::of(*p).extent().length();
+        p.iter().enumerate().all(|(i, point)| {
+            let linear = origin + (i % 4) as f32 / 3.0 * du + (i / 4) as f32 / 3.0 * dv;
+            point.distance(linear) <= allowed
+        })
     }
 
     /// A box around all that [`evaluate`](Self::evaluate) and [`grid`](Self::grid) give over `rect`.

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::adjacency::Adjacency;
-use super::base::{Base, LimitPoint, Texcoord};
+use super::base::{Base, LimitPoint, Texcoord, UvRect};
 use super::displace::{Amount, Displacement, DisplacementPoint, Slope, Space};
 use super::tiles::Tiles;
 use crate::error::Warnings;
@@ -115,6 +115,23 @@ impl Surface {
                 !self.base.is_hole(face)
                     && (self.base.is_collapsed(face, k) || two(self.base.edge(face, k).edge))
             })
+    }
+
+    /// Whether a face is a parallelogram that parameters divide evenly, at all motion keys, and nothing displaces it: the two
+    /// triangles of its corners are all of it, at the same parameters. To a millionth of its size; where the limit surface
+    /// does not tell, it is not. Holes are.
+    pub fn is_even(&self, face: u32) -> bool {
+        let is_linear = |key| {
+            let patch = self.base.bezier(face, &UvRect::UNIT, key);
+            patch.is_some_and(|patch| patch.is_even())
+        };
+        let is_displaced = !matches!(self.displacement, Displacement::None);
+        self.base.is_hole(face) || !is_displaced && (0..self.base.keys()).all(is_linear)
+    }
+
+    /// Whether all its faces [are](Self::is_even).
+    pub fn is_even_everywhere(&self) -> bool {
+        (0..self.base.faces()).all(|face| self.is_even(face))
     }
 
     /// How it is displaced.

@@ -4,6 +4,8 @@
 //! a given length in pixels. Unlike there the length is measured on the displaced surface, and seen squarely rather
 //! than foreshortened, so that silhouettes and what mirrors show are as fine as the rest. An edge is measured once,
 //! on the points that its faces share; a face may be finer than its edges where its middle lines are longer.
+//!
+//! Floors and walls that nothing displaces are not diced: see [`Rates::sparing_even_faces`].
 
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -130,24 +132,59 @@ impl Rates {
         Self::new(surface, segments, |_| [1; 2])
     }
 
-    /// By the length of micro-edges on the screen.
+    /// By the length of micro-edges on the screen; [even faces](Self::sparing_even_faces) are not cut.
     pub fn on_screen(surface: &Surface, places: &Places<'_>, dicing: &Dicing) -> Self {
-        Measure::new(surface, places, dicing).rates()
+        let rates = Measure::new(surface, places, dicing).rates();
+        rates.sparing_even_faces(surface)
+    }
+
+    /// The same without cuts where they change nothing: of faces that are [even](Surface::is_even), and of edges whose
+    /// faces all are. An even face beside one that is not keeps the cuts of their edge.
+    #[must_use]
+    pub fn sparing_even_faces(&self, surface: &Surface) -> Self {
+        let even: Vec<bool> = (0..surface.base().faces())
+            .into_par_iter()
+            .map(|face| surface.is_even(face))
+            .collect();
+        let is_spared = |edge| {
+            let mut sides = surface.adjacency.edge(edge);
+            sides.all(|side| even[side.face as usize])
+        };
+        self.changed(
+            surface,
+            |edge| if is_spared(edge) { 1 } else { self.edge(edge) },
+            |face| {
+                if even[face as usize] {
+                    [1; 2]
+                } else {
+                    self.face(face)
+                }
+            },
+        )
+    }
+
+    /// Other rates, [by edge and face](Self::new), for the same view.
+    fn changed(
+        &self,
+        surface: &Surface,
+        segments: impl Fn(u32) -> u32 + Sync,
+        within: impl Fn(u32) -> [u32; 2] + Sync,
+    ) -> Self {
+        Self {
+            closest: self.closest,
+            ..Self::new(surface, segments, within)
+        }
     }
 
     /// Micro-edges so many times as long, at least 1.
     #[must_use]
     pub fn coarser(&self, surface: &Surface, times: f32) -> Self {
         let fewer = |segments: u32| (segments as f32 / times).ceil() as u32;
-        let rates = Self::new(
+        self.changed(
             surface,
             |edge| fewer(self.edge(edge)),
             |face| self.face(face).map(fewer),
-        );
-        Self {
-            closest: self.closest,
-            ..rates
-        }
+        )
     }
 
     /// Pixels that a unit of the object covers where it is seen from closest by; beyond the picture they count for as

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use super::build::BuildOptions;
 use super::displacement::by_callback;
-use super::method::{How, Method, TracedSurface};
+use super::method::{How, Method, TracedSurface, is_few_triangles};
 use super::prepare::{Form, Prepared, Smooth, Wanted};
 use super::shape::{self, Bounced, Polygons, Surface};
 use super::stored::{Cage, Source};
@@ -94,7 +94,7 @@ impl Maker<'_> {
             &smooth.surface,
             smooth.digest.as_deref().unwrap_or_default(),
         );
-        let is_diced = method.is_diced() && surface.tiles().is_none();
+        let is_diced = method.is_diced() && surface.tiles().is_none() && !is_few_triangles(surface);
         let bounces = self.options.bounce_dicing.filter(|_| is_diced);
         // Progress goes by time, about.
         let share = self.share;

@@ -228,6 +228,17 @@ impl Method {
         }
     }
 
+    /// By what a surface is traced where this method is asked for: if it [is even](Surface::is_even_everywhere), by its
+    /// faces' own triangles, as polygons are. Embree's subdivision sees to that itself.
+    #[must_use]
+    pub fn on(self, surface: &Surface) -> Self {
+        if self != Self::EmbreeSubdivision && is_few_triangles(surface) {
+            Self::EmbreeTriangles
+        } else {
+            self
+        }
+    }
+
     /// What was built of a surface, from a store.
     ///
     /// # Errors
@@ -398,6 +409,11 @@ impl Method {
 
 /// A method of our own on what is kept of a surface.
 fn of_hit<I: Intersector + 'static>(
+/// Whether a surface is but two triangles a face, and nothing stands over it.
+pub(super) fn is_few_triangles(surface: &Surface) -> bool {
+    surface.tiles().is_none() && surface.is_even_everywhere()
+}
+
     method: I,
     surface: &Arc<Surface>,
     device: &Device,

@@ -174,7 +174,8 @@ pub(super) fn plan(
                 {
                     Method::EmbreeTriangles
                 }
-                Form::Smooth(_) | Form::Polygons(_) => method,
+                Form::Smooth(smooth) => method.on(&smooth.surface),
+                Form::Polygons(_) => method,
             };
             (prepared.iter().map(|p| of(&p.form)).collect(), u64::MAX)
         }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::build::{BuildOptions, displacement_of, name_shape, needed_primvars, single};
 use super::displacement::{Heights, coordinates};
 use super::estimate::Counts;
-use super::method::{Choice, Method};
+use super::method::{Choice, Method, is_few_triangles};
 use super::patch;
 use super::stored::{self, Cage, Source};
 use super::textures::Textures;
@@ -305,8 +305,10 @@ impl<'a> Preparer<'a> {
                 ))
             }
         };
-        // Tiles are not stored.
-        let is_stored = matches!(source, Source::Stored(_)) && wanted.tiles.is_none();
+        // Tiles and few triangles are not stored.
+        let is_stored = matches!(source, Source::Stored(_))
+            && wanted.tiles.is_none()
+            && !is_few_triangles(&surface);
         let rates = (!is_stored).then(|| {
             let rates = if wanted.tiles.is_some() {
                 // It is not diced.

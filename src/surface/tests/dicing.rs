@@ -255,14 +255,16 @@ fn rates_follow_displacement_distance_picture_and_cap() {
     };
     let here = Affine3A::IDENTITY;
     let at = |x: f32, y: f32, z: f32| Affine3A::from_translation(Vec3::new(x, y, z));
-    let flat = surface(Patches::cube(), Displacement::None);
+    // Not quite even.
+    let cube = || Patches::cube().mapped(|p| p * (1.0 + 1e-4 * p.length_squared()));
+    let flat = surface(cube(), Displacement::None);
     let count = |surface: &Surface, places: &[Affine3A], dicing: &Dicing| {
         on_screen(surface, places, dicing).micro_triangles()
     };
     let near = count(&flat, &[here], &dicing);
     // Noise is longer than what it lies on.
     let noisy = surface(
-        Patches::cube(),
+        cube(),
         Displacement::Scalar(amount(
             ImageMap::new(noise([64, 64], "Y", Wrap::Clamp, 1), Channels::Scalar),
             0.2,
@@ -291,7 +293,7 @@ fn rates_follow_displacement_distance_picture_and_cap() {
         Function::scalar(|at| 20.0 * (at.uv * (1.0 - at.uv)).element_product()),
         1.0,
     ));
-    let bulging = on_screen(&surface(Patches::cube(), bulge), &[here], &dicing);
+    let bulging = on_screen(&surface(cube(), bulge), &[here], &dicing);
     let flat = on_screen(&flat, &[here], &dicing);
     assert_eq!(bulging.edge(0), flat.edge(0));
     assert!(2 * bulging.face(0)[0] > 3 * flat.face(0)[0]);
@@ -358,5 +360,37 @@ fn a_part_of_a_face_has_the_bits_of_the_whole() {
                 }
             }
         }
+    }
+}
+
+/// The walls of a cube, one of which is bent: what is even keeps the cuts that its neighbours need, and no others.
+#[test]
+fn what_is_even_is_not_cut() {
+    let here = [Affine3A::IDENTITY];
+    let dicing = Dicing::default();
+    let flat = surface(Patches::cube(), Displacement::None);
+    assert_eq!(on_screen(&flat, &here, &dicing).micro_triangles(), 12);
+    let round = surface(Patches::sphere(1), Displacement::None);
+    assert!((0..6).all(|face| !round.is_even(face)));
+    let (_, displacement) = displacements(0.1).swap_remove(1);
+    let displaced = surface(Patches::cube(), displacement);
+    assert!((0..6).all(|face| !displaced.is_even(face)));
+
+    let mut house = Patches::cube();
+    house.control[0][0].0[5] += Vec3::Z;
+    house.holes = vec![1];
+    let house = surface(house, Displacement::None);
+    assert!(!house.is_even(0));
+    let rates = Rates::uniform(&house, 9).sparing_even_faces(&house);
+    assert_eq!(rates.face(0), [9, 9]);
+    assert_eq!(rates.face(1), [0, 0]);
+    for face in 2..6 {
+        assert!(house.is_even(face));
+        let edges = [0, 1, 2, 3].map(|k| rates.edge(house.base().edge(face, k).edge));
+        let cut = edges.iter().filter(|&&segments| segments == 9).count();
+        let expected = if cut == 0 { [1, 1] } else { [1, 9] };
+        let mut size = rates.face(face);
+        size.sort_unstable();
+        assert_eq!((cut < 2, size), (true, expected), "{face}");
     }
 }
