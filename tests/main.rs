@@ -20,6 +20,7 @@ mod faults;
 mod footprints;
 mod furnace;
 mod gprims;
+mod inlined;
 mod layers;
 mod lights;
 mod manners;

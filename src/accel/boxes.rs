@@ -78,9 +78,7 @@ impl Boxes {
         ray: &LatticeRay,
         entries: &mut [f32; LANES],
     ) -> u32 {
-        meet(lanes, ray, entries, self.frame, |k, backwards| {
-            self.planes(lanes, k, backwards)
-        })
+        meet(lanes, ray, entries, self.frame, Still(self))
     }
 
     /// The same for boxes on their way to others.
@@ -93,14 +91,8 @@ impl Boxes {
         ray: &LatticeRay,
         entries: &mut [f32; LANES],
     ) -> u32 {
-        meet(lanes, ray, entries, [0; 3], |k, backwards| {
-            let [a, b] = self.framed(lanes, k, backwards);
-            let [c, d] = to.framed(lanes, k, backwards);
-            [
-                moment.between_lanes(lanes, a, c),
-                moment.between_lanes(lanes, b, d),
-            ]
-        })
+        let from = self;
+        meet(lanes, ray, entries, [0; 3], Moving { from, to, moment })
     }
 
     /// The planes that a ray meets first and last along an axis, of all boxes.
@@ -135,15 +127,48 @@ impl Boxes {
     }
 }
 
-/// The slab test. `planes` gives, for each axis and whether the ray runs backwards along it, the planes that it meets
-/// first and last, in `frames`: the origin in the upper 24 bits, and the exponent of the unit.
+/// Boxes as a slab test asks for them. No closures: where these are not inlined, they are not compiled for the
+/// instruction set.
+trait Slabs<L: Lanes> {
+    /// The planes that a ray meets first and last along an axis, along which it may run backwards.
+    fn planes(&self, lanes: L, k: usize, backwards: bool) -> [L::Floats; 2];
+}
+
+struct Still<'a>(&'a Boxes);
+
+impl<L: Lanes> Slabs<L> for Still<'_> {
+    #[inline(always)]
+    fn planes(&self, lanes: L, k: usize, backwards: bool) -> [L::Floats; 2] {
+        self.0.planes(lanes, k, backwards)
+    }
+}
+
+struct Moving<'a> {
+    from: &'a Boxes,
+    to: &'a Boxes,
+    moment: &'a Moment,
+}
+
+impl<L: Lanes> Slabs<L> for Moving<'_> {
+    #[inline(always)]
+    fn planes(&self, lanes: L, k: usize, backwards: bool) -> [L::Floats; 2] {
+        let [a, b] = self.from.framed(lanes, k, backwards);
+        let [c, d] = self.to.framed(lanes, k, backwards);
+        [
+            self.moment.between_lanes(lanes, a, c),
+            self.moment.between_lanes(lanes, b, d),
+        ]
+    }
+}
+
+/// The slab test. The planes are in `frames`: the origin in the upper 24 bits, and the exponent of the unit.
 #[inline(always)]
 fn meet<L: Lanes>(
     lanes: L,
     ray: &LatticeRay,
     entries: &mut [f32; LANES],
     frames: [i32; 3],
-    planes: impl Fn(usize, bool) -> [L::Floats; 2],
+    slabs: impl Slabs<L>,
 ) -> u32 {
     // Planes as t = plane * scale + shift; for three axes and a spare one at once.
     let frames = [frames[0], frames[1], frames[2], 0];
@@ -158,7 +183,7 @@ fn meet<L: Lanes>(
     let mut near = lanes.floats(ray.t_min);
     let mut far = lanes.floats(ray.t_max);
     for k in 0..3 {
-        let [first, last] = planes(k, ray.inverse[k] < 0.0);
+        let [first, last] = slabs.planes(lanes, k, ray.inverse[k] < 0.0);
         let scale = lanes.floats(scale[k]);
         near = lanes.max(near, lanes.mul_add(first, scale, lanes.floats(enter[k])));
         far = lanes.min(far, lanes.mul_add(last, scale, lanes.floats(leave[k])));

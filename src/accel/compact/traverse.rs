@@ -97,6 +97,8 @@ impl<'s, P: Patches<'s>> Traversal for Through<P> {
         };
         let mut nearest = None;
         let mut near = [0.0; LANES];
+        // Cleared once: what a block leaves in it counts for no other.
+        let mut room = Sheared::default();
         let mut stack = Stack::default();
         let mut next = Some(Waiting::child(0.0, root));
         while let Some(at) = next {
@@ -115,7 +117,8 @@ impl<'s, P: Patches<'s>> Traversal for Through<P> {
                     };
                     // All of its blocks before any other patch.
                     while let Some(Place::Part(block)) = part.map(Waiting::place) {
-                        if let Some(found) = walk.block::<L, ANY>(lanes, &view, block) {
+                        let found = walk.block::<L, ANY>(lanes, &view, block, &mut room);
+                        if let Some(found) = found {
                             nearest = Some(Met { patch, ..found });
                             if ANY {
                                 return nearest;
@@ -167,13 +170,14 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         }
     }
 
-    /// The nearest triangle of a block.
+    /// The nearest triangle of a block. There is room for its vertices.
     #[inline(always)]
     fn block<L: Lanes, const ANY: bool>(
         &self,
         lanes: L,
         view: &View<'_>,
         block: usize,
+        sheared: &mut Sheared,
     ) -> Option<Met> {
         let cells = view.fan.cells_of(block);
         let head = view.head(block, self.moment.from);
@@ -182,8 +186,7 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
             later = view.head(block, self.moment.to);
         }
         let heads = [&head, &later];
-        let mut sheared = Sheared::default();
-        self.decode(lanes, view.data, heads, cells, &mut sheared);
+        self.decode(lanes, view.data, heads, cells, sheared);
         let interval = [self.world.t_min, self.world.t_max];
         let QuadHit { hit, cell, second } =
             sheared.nearest(lanes, cells, self.ray.s[2], interval)?;

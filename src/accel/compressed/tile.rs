@@ -210,7 +210,10 @@ impl Tile {
         let unit = amount(self.units[1]);
         let even = lanes.floats(EVEN.into());
         let wider = lanes.sub(lanes.load(&NUMBERS), even);
-        [-unit, unit].map(|unit| lanes.mul(wider, lanes.floats(unit)))
+        [
+            lanes.mul(wider, lanes.floats(-unit)),
+            lanes.mul(wider, lanes.floats(unit)),
+        ]
     }
 
     /// How many quads a leaf is wider at its least u or v, or at its most; less than none at the least ones.

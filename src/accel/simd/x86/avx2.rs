@@ -43,6 +43,31 @@ impl Avx2 {
     }
 }
 
+// Functions, not closures: these are not compiled for the instruction set where they are not inlined.
+impl Avx2 {
+    /// The numbers whose halves are in the lower 16 bits.
+    #[inline(always)]
+    fn of_eight_halves(self, a: __m256i) -> __m256 {
+        op!({
+            let size = _mm256_and_si256(a, _mm256_set1_epi32(0x7fff));
+            let size = _mm256_castsi256_ps(_mm256_slli_epi32::<13>(size));
+            let size = _mm256_mul_ps(size, _mm256_set1_ps(FROM_HALF));
+            let sign = _mm256_and_si256(a, _mm256_set1_epi32(0x8000));
+            _mm256_or_ps(size, _mm256_castsi256_ps(_mm256_slli_epi32::<16>(sign)))
+        })
+    }
+
+    /// A bit for each lane whose sign is set in `set` and whose offset is beyond `last`.
+    #[inline(always)]
+    fn beyond(self, at: __m256i, set: __m256i, last: u32) -> i32 {
+        op!({
+            let most = _mm256_set1_epi32(last as i32);
+            let within = _mm256_cmpeq_epi32(_mm256_max_epu32(at, most), most);
+            _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_andnot_si256(within, set)))
+        })
+    }
+}
+
 impl Lanes for Avx2 {
     type Floats = [__m256; 2];
     type Ints = [__m256i; 2];
@@ -211,13 +236,7 @@ impl Lanes for Avx2 {
     }
     #[inline(always)]
     fn of_halves(self, a: [__m256i; 2]) -> [__m256; 2] {
-        op!(a.map(|a| {
-            let size = _mm256_and_si256(a, _mm256_set1_epi32(0x7fff));
-            let size = _mm256_castsi256_ps(_mm256_slli_epi32::<13>(size));
-            let size = _mm256_mul_ps(size, _mm256_set1_ps(FROM_HALF));
-            let sign = _mm256_and_si256(a, _mm256_set1_epi32(0x8000));
-            _mm256_or_ps(size, _mm256_castsi256_ps(_mm256_slli_epi32::<16>(sign)))
-        }))
+        [self.of_eight_halves(a[0]), self.of_eight_halves(a[1])]
     }
     #[inline(always)]
     fn shift_right_unsigned<const BY: u32>(self, a: [__m256i; 2]) -> [__m256i; 2] {
@@ -237,16 +256,9 @@ impl Lanes for Avx2 {
             let all = _mm256_set1_epi32(bits as i32);
             [_mm256_sllv_epi32(all, low), _mm256_sllv_epi32(all, high)]
         });
-        let beyond = op!({
-            let most = _mm256_set1_epi32(last as i32);
-            let beyond = |at, set| {
-                let within = _mm256_cmpeq_epi32(_mm256_max_epu32(at, most), most);
-                _mm256_movemask_ps(_mm256_castsi256_ps(_mm256_andnot_si256(within, set)))
-            };
-            beyond(at[0], set[0]) | beyond(at[1], set[1]) != 0
-        });
+        let beyond = self.beyond(at[0], set[0], last) | self.beyond(at[1], set[1], last);
         // Offsets are signed to the instruction.
-        if beyond || last > i32::MAX as u32 {
+        if beyond != 0 || last > i32::MAX as u32 {
             return None;
         }
         let from = bytes.as_ptr().cast();
