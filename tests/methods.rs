@@ -304,30 +304,40 @@ fn deep_and_fine_detail_is_as_bright_by_every_method() {
     }
 }
 
-/// Seen straight on, a trimmed square covers what its trim curve encloses, by every method.
-#[test]
-fn a_trimmed_square_covers_its_disc() {
-    let body = r#"
-def Camera "Camera" {
+/// A trimmed square that glows, seen straight on: its disc, of which a corner beyond is lifted so that it is no even square.
+/// `shell` is what else its prim says.
+fn disc(schemas: &str, shell: &str) -> String {
+    format!(
+        r#"
+def Camera "Camera" {{
     token projection = "orthographic"
     float horizontalAperture = 20
     float verticalAperture = 20
     float2 clippingRange = (0.01, 1000)
     double3 xformOp:translate = (0, 0, 5)
     uniform token[] xformOpOrder = ["xformOp:translate"]
-}
-def Material "Glow" {
+}}
+def Material "Glow" {{
     token outputs:surface.connect = </Glow/Surface.outputs:surface>
-    def Shader "Surface" {
+    def Shader "Surface" {{
         uniform token info:id = "UsdPreviewSurface"
         color3f inputs:diffuseColor = (0, 0, 0)
         color3f inputs:emissiveColor = (1, 1, 1)
         float inputs:ior = 1
         token outputs:surface
-    }
-}
-def DomeLight "Night" { float inputs:intensity = 0 }
-def NurbsPatch "Disc" (prepend apiSchemas = ["MaterialBindingAPI"]) {
+    }}
+}}
+def DomeLight "Night" {{ float inputs:intensity = 0 }}
+class "Tiles" {{
+    def Mesh "Plate" {{
+        uniform token subdivisionScheme = "none"
+        int[] faceVertexCounts = [4]
+        int[] faceVertexIndices = [0, 1, 2, 3]
+        point3f[] points = [(0, 0, 0.5), (1, 0, 0.5), (1, 1, 0.5), (0, 1, 0.5)]
+    }}
+}}
+def NurbsPatch "Disc" (prepend apiSchemas = ["MaterialBindingAPI"{schemas}]) {{
+    {shell}
     rel material:binding = </Glow>
     int uOrder = 2
     int vOrder = 2
@@ -335,15 +345,20 @@ def NurbsPatch "Disc" (prepend apiSchemas = ["MaterialBindingAPI"]) {
     int vVertexCount = 2
     double[] uKnots = [-1, -1, 1, 1]
     double[] vKnots = [-1, -1, 1, 1]
-    point3f[] points = [(-1, -1, 0), (1, -1, 0), (-1, 1, 0), (1, 1, 0)]
+    point3f[] points = [(-1, -1, 0), (1, -1, 0), (-1, 1, 0), (1, 1, 0.001)]
     int[] trimCurve:counts = [1]
     int[] trimCurve:orders = [3]
     int[] trimCurve:vertexCounts = [9]
     double[] trimCurve:knots = [0, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 4]
     double2[] trimCurve:ranges = [(0, 4)]
     double3[] trimCurve:points = [(0.8, 0, 1), (0.5656854, 0.5656854, 0.7071068), (0, 0.8, 1), (-0.5656854, 0.5656854, 0.7071068), (-0.8, 0, 1), (-0.5656854, -0.5656854, 0.7071068), (0, -0.8, 1), (0.5656854, -0.5656854, 0.7071068), (0.8, 0, 1)]
+}}
+"#
+    )
 }
-"#;
+
+/// That every method covers the disc.
+fn covers_its_disc(body: &str) {
     let folder = tempfile::tempdir().expect("a folder");
     let scene = write_scene(folder.path(), "disc.usda", body);
     for method in Method::ALL {
@@ -355,6 +370,21 @@ def NurbsPatch "Disc" (prepend apiSchemas = ["MaterialBindingAPI"]) {
             method.name()
         );
     }
+}
+
+#[test]
+fn a_trimmed_square_covers_its_disc() {
+    covers_its_disc(&disc("", ""));
+    let even = disc("", "").replace("0.001", "0");
+    covers_its_disc(&even);
+}
+
+#[test]
+fn tiles_end_where_the_patch_below_is_trimmed() {
+    let shell = "rel relievo:shell:tile = </Tiles/Plate>
+    float2 relievo:shell:repeats = (7, 5)
+    float relievo:shell:height = 0.1";
+    covers_its_disc(&disc(", \"RelievoShellAPI\"", shell));
 }
 
 /// A single surface that takes its time tells how far it is, and can be ended, by every method of ours.

@@ -384,10 +384,12 @@ impl Method {
         device: &Device,
         go_on: &dyn Fn(f64) -> bool,
     ) -> Result<TracedSurface> {
-        let tiled = Tiled::build(surface, tiles, go_on)?;
+        // Copies take longest.
+        let first = if self.copies_tiles() { 0.2 } else { 1.0 };
+        let tiled = Tiled::build(surface, tiles, &|done| go_on(first * done))?;
         let thick = Some(tiled.achieved());
         let (geometry, places, bytes) = if self.copies_tiles() {
-            let mut copies = tiled.copies()?;
+            let mut copies = tiled.copies(&|done| go_on(first + (1.0 - first) * done))?;
             let geometry = Geometry::copies(device, &copies)?;
             // Embree has its own.
             copies.positions = Vec::new();
@@ -407,13 +409,13 @@ impl Method {
     }
 }
 
-/// A method of our own on what is kept of a surface.
-fn of_hit<I: Intersector + 'static>(
 /// Whether a surface is but two triangles a face, and nothing stands over it.
 pub(super) fn is_few_triangles(surface: &Surface) -> bool {
     surface.tiles().is_none() && surface.is_even_everywhere()
 }
 
+/// A method of our own on what is kept of a surface.
+fn of_hit<I: Intersector + 'static>(
     method: I,
     surface: &Arc<Surface>,
     device: &Device,

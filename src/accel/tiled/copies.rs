@@ -20,6 +20,9 @@ pub struct Copies {
     pub uvs: Vec<Vec2>,
 }
 
+/// Quads between two questions whether to go on.
+const TOGETHER: usize = 64;
+
 /// The copies over a quad.
 #[derive(Default)]
 struct Part {
@@ -48,14 +51,18 @@ impl Copies {
 }
 
 impl Tiled {
-    /// All of them.
+    /// All of them. `go_on` is told how far it is, 0 to 1, and ends it by false.
     ///
     /// # Errors
-    /// [`Error::Memory`] if there are more vertices or triangles than 32 bits count.
-    pub fn copies(&self) -> Result<Copies> {
-        let parts: Vec<Part> = (self.quads.par_iter())
-            .map(|quad| self.part(quad))
-            .collect();
+    /// [`Error::Interrupted`] if ended, [`Error::Memory`] if there are more vertices or triangles than 32 bits count.
+    pub fn copies(&self, go_on: &dyn Fn(f64) -> bool) -> Result<Copies> {
+        let mut parts: Vec<Part> = Vec::with_capacity(self.quads.len());
+        for quads in self.quads.chunks(TOGETHER) {
+            if !go_on(parts.len() as f64 / self.quads.len() as f64) {
+                return Err(Error::Interrupted);
+            }
+            parts.par_extend(quads.par_iter().map(|quad| self.part(quad)));
+        }
         let vertices: usize = parts.iter().map(|part| part.uvs.len()).sum();
         let count: usize = parts.iter().map(|part| part.triangles.len()).sum();
         if vertices.max(count) >= u32::MAX as usize {

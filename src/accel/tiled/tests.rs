@@ -89,7 +89,7 @@ fn hits_are_those_of_a_loop_over_all_copies() {
         let tree = tiled(&surface, blades(3.0, 0.2));
         // Straight ones are the nearer to those that are traced, the smaller they are.
         let halved = tiled(&surface, halved_blades(3.0, 0.2, 2));
-        let copies = halved.copies().expect("few of them");
+        let copies = halved.copies(&|_| true).expect("few of them");
         let mut random = Random(3);
         let mut hits = 0;
         let mut misses = 0;
@@ -126,6 +126,18 @@ fn hits_are_those_of_a_loop_over_all_copies() {
     }
 }
 
+#[test]
+fn copying_can_be_stopped() {
+    let tree = tiled(&plain(Patches::sphere(4)), blades(3.0, 0.2));
+    let most = std::cell::Cell::new(0.0_f64);
+    let stopped = tree.copies(&|done| {
+        most.set(done);
+        done < 0.5
+    });
+    assert!(matches!(stopped, Err(crate::Error::Interrupted)));
+    assert!((0.5..0.9).contains(&most.get()), "{most:?}");
+}
+
 /// Where prisms do not lean, nothing is bent, and the two are the same but for roundings.
 #[test]
 fn over_a_plane_copies_are_the_same() {
@@ -137,7 +149,7 @@ fn over_a_plane_copies_are_the_same() {
     ];
     let surface = plain(Patches::bilinear(&points, vec![[0, 1, 2, 3]]));
     let tree = tiled(&surface, blades(7.0, 0.3));
-    let copies = tree.copies().expect("few of them");
+    let copies = tree.copies(&|_| true).expect("few of them");
     let mut random = Random(4);
     let mut hits = 0;
     for _ in 0..2000 {
