@@ -19,10 +19,15 @@ pub fn write_exr(path: &Path, picture: &Picture) -> Result<()> {
     check(path, picture)?;
     write_whole(path, |temporary| {
         write(temporary, picture).map_err(|refusal| refused(path, &refusal))?;
-        if are_all_there(temporary).unwrap_or(false) {
-            return Ok(());
+        match are_all_there(temporary) {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(no_memory(path)),
+            Err(e) => Err(failed(
+                path,
+                &format!("it cannot be read again: {e}"),
+                "See that its disk is whole and can be read.",
+            )),
         }
-        Err(no_memory(path))
     })
 }
 
