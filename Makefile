@@ -92,11 +92,12 @@ scenes/schemes/made/curve.svg: scenes/schemes/curve.obj
 scenes/creature/tortoise.usda: examples/make_scenes/tortoise.rs | build
 	$(MAKE_SCENES) tortoise $@
 
+# By the profile that all else is built by, so that macros and build scripts are compiled once, and in one folder for all.
 lint: deps
 	cargo fmt --all --check
-	cargo clippy --workspace --all-targets $(CARGO_FLAGS) -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --no-deps --document-private-items $(CARGO_FLAGS)
-	cargo check --manifest-path fuzz/Cargo.toml $(CARGO_FLAGS)
+	cargo clippy --release --workspace --all-targets $(CARGO_FLAGS) -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --no-deps --document-private-items $(CARGO_FLAGS)
+	cargo check --release --manifest-path fuzz/Cargo.toml --target-dir $(dir $(TARGET)) $(CARGO_FLAGS)
 
 bench: build scenes
 	cargo bench -p relievo -p relievo-ptex $(CARGO_FLAGS)
