@@ -10,7 +10,8 @@ use serde::Serialize;
 use crate::error::{Error, Result, Warning};
 use crate::memory::resident;
 
-pub use achieved::AchievedError;
+pub(crate) use achieved::Distances;
+pub use achieved::{AchievedError, Spread};
 
 /// Everything that `--stats` writes.
 #[derive(Debug, Clone, Default, Serialize)]

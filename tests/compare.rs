@@ -176,6 +176,11 @@ fn verify_finds_one_surface_by_all_methods() {
             "{row}"
         );
         assert_eq!(number("leaks"), 0.0, "{row}");
+        let method = row["method"].as_str().expect("a name");
+        if ["dbvh", "nonlinear"].contains(&method) {
+            assert!((1e-12..1e-5).contains(&number("max_hit_error")), "{row}");
+            assert!(row["achieved_error"]["linear_normals"]["max_diagonals"].is_f64());
+        }
     }
 }
 

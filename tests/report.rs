@@ -93,6 +93,24 @@ fn check_section(section: Node<'_, '_>, measured: &Value) {
         for figure in wanted {
             assert!(cells.contains(&figure), "{figure} is not in {cells:?}");
         }
+        if row["achieved_error"].is_object() {
+            let of_method = format!("{}, ", row["method"].as_str().expect("a name"));
+            let starts = |head| text(head).starts_with(&of_method);
+            let line = elements(section, (HTML, "tr"))
+                .find(|line| elements(*line, (HTML, "th")).any(starts))
+                .unwrap_or_else(|| panic!("{row} is not in the second table"));
+            let cells: Vec<String> = elements(line, (HTML, "td")).map(text).collect();
+            let rms = number(&row["achieved_error"]["rms_diagonals"]);
+            let linear = &row["achieved_error"]["linear_normals"]["rms_diagonals"];
+            let linear = linear
+                .as_f64()
+                .map_or("–".to_owned(), |d| format!("{d:.2e}"));
+            let hit = number(&row["max_hit_error"]);
+            assert_eq!(
+                [&cells[0], &cells[2], &cells[4]],
+                [&format!("{rms:.2e}"), &linear, &format!("{hit:.2e}")]
+            );
+        }
     }
 }
 

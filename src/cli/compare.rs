@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use clap::Args;
-use relievo::compare::{CompareOptions, Fineness};
+use relievo::compare::{CompareOptions, Fineness, achieved_by};
 use relievo::error::Warnings;
 use relievo::memory::Budget;
 use relievo::scene::{self, Description, LoadOptions};
@@ -108,18 +108,15 @@ pub(super) fn moved<'a>(rows: impl Iterator<Item = (&'a str, Option<AchievedErro
         };
         told.push(method);
         let (max, rms) = (error.max_diagonals, error.rms_diagonals);
-        let what = if method == Method::Compressed.name() {
-            "slabs thick by"
-        } else if method == Method::Nonlinear.name() {
-            "micro-vertices beside their parameters by"
-        } else if method == Method::Dbvh.name() {
-            "quads off the displaced limit surface by"
-        } else {
-            "micro-vertices moved by"
-        };
+        let what = achieved_by(method);
         text += &format!("{method}: {what} up to {max:.2e} diagonals, rms {rms:.2e}");
         if let Some(pixels) = error.max_pixels {
             text += &format!("; up to {pixels:.3} pixels");
+        }
+        if let Some(moved) = error.linear_normals {
+            let (max, rms) = (moved.max_diagonals, moved.rms_diagonals);
+            text +=
+                &format!("; normals of unit length would move them up to {max:.2e}, rms {rms:.2e}");
         }
         text.push('\n');
     }

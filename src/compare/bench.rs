@@ -136,6 +136,9 @@ pub struct BenchRow {
     /// The largest distance to these.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub max_to_triangles: Option<f64>,
+    /// The largest error of a hit: see [`VerifyRow`](super::VerifyRow).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_hit_error: Option<f64>,
 }
 
 struct Entry {
@@ -314,6 +317,7 @@ pub fn bench(description: &Description, options: &BenchOptions) -> Result<Bench>
                 max_distance: entry.found.map(|[fine, _]| fine.max),
                 rms_to_triangles: entry.found.map(|[_, alike]| alike.rms()),
                 max_to_triangles: entry.found.map(|[_, alike]| alike.max),
+                max_hit_error: entry.found.map(|[fine, _]| fine.hit_error),
             }
         })
         .collect();

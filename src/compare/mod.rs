@@ -9,7 +9,7 @@ mod verify;
 
 pub use bench::{Bench, BenchOptions, BenchRow, BySpeed, Machine, Reference, bench};
 pub use report::{Measured, check_report, report_json, write_report};
-pub use verify::{Verified, VerifyRow, verify};
+pub use verify::{Verified, VerifyRow, achieved_by, verify};
 
 use crate::memory::Budget;
 use crate::world::{CacheSize, Choice, MaxError};

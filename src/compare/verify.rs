@@ -64,8 +64,22 @@ pub struct VerifyRow {
     pub max_normal_degrees: f64,
     /// Rays that left a closed mesh from within.
     pub leaks: u64,
+    /// The largest error of a hit, in diagonals: how far it was from the very geometry that the method traces, as the method
+    /// itself measured; 0 by Embree's geometries, which do not measure.
+    pub max_hit_error: f64,
     /// How far the method moved micro-vertices, or how thick its slabs are: a part of the distances.
     pub achieved_error: Option<AchievedError>,
+}
+
+/// What the achieved error of a method of this name says, ahead of "up to so many diagonals".
+pub fn achieved_by(method: &str) -> &'static str {
+    let is = |named: Method| named.name() == method;
+    match () {
+        () if is(Method::Compressed) => "slabs thick by",
+        () if is(Method::Nonlinear) => "micro-vertices beside their parameters by",
+        () if is(Method::Dbvh) => "quads off the displaced limit surface by",
+        () => "micro-vertices moved by",
+    }
 }
 
 /// What rays found, in sums.
@@ -81,6 +95,8 @@ pub(super) struct Found {
     squares: f64,
     degrees: f64,
     leaks: u64,
+    /// The largest error of a hit.
+    pub(super) hit_error: f64,
     error: Option<AchievedError>,
 }
 
@@ -100,6 +116,7 @@ impl Found {
             squares: self.squares + other.squares,
             degrees: self.degrees.max(other.degrees),
             leaks: self.leaks + other.leaks,
+            hit_error: self.hit_error.max(other.hit_error),
             error: AchievedError::of_all([self.error, other.error]),
         }
     }
@@ -188,6 +205,7 @@ pub fn verify(description: &Description, options: &CompareOptions) -> Result<Ver
         rms_distance: found.rms(),
         max_normal_degrees: found.degrees,
         leaks: found.leaks,
+        max_hit_error: found.hit_error,
         achieved_error: found.error,
     };
     Ok(Verified {
@@ -262,6 +280,7 @@ fn compare_ray(prepared: &Prepared, traced: &Traced, reference: &Traced, seed: u
     let [Some(hit), Some(other)] = hits else {
         return found;
     };
+    found.hit_error = f64::from(hit.error / diagonal);
     let (p, place) = (ray.at(hit.t), traced.place(&hit));
     if prepared.is_tiled() {
         let hits = [(&hit, p), (&other, ray.at(other.t))];

@@ -28,7 +28,7 @@ pub use method::{Choice, HitPlaces, How, Method, TracedSurface};
 pub use objects::{Object, objects};
 
 pub use crate::accel::{Cache, CacheSize, MaxError, cache_use};
-pub use crate::stats::{AchievedError, CacheUse};
+pub use crate::stats::{AchievedError, CacheUse, Spread};
 pub use crate::surface::Dicing;
 
 use std::sync::Arc;

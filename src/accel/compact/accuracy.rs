@@ -79,6 +79,7 @@ impl Accuracy {
             max_diagonals: diagonals(self.max),
             rms_diagonals: diagonals(self.rms),
             max_pixels: (self.pixels_per_unit).map(|pixels| pixels * self.max),
+            linear_normals: None,
             vertices: self.vertices,
         }
     }

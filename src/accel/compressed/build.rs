@@ -346,6 +346,7 @@ impl Thick {
             max_diagonals: self.largest,
             rms_diagonals: (self.squares / self.leaves.max(1) as f64).sqrt(),
             max_pixels: None,
+            linear_normals: None,
             vertices: self.leaves,
         }
     }

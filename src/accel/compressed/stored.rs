@@ -80,6 +80,7 @@ impl Stored for Compressed {
                 max_diagonals: facts.thickest,
                 rms_diagonals: facts.thick_rms,
                 max_pixels: (facts.thickest_in_pixels > 0.0).then_some(facts.thickest_in_pixels),
+                linear_normals: None,
                 vertices: facts.leaves,
             },
         };

@@ -18,7 +18,7 @@ use crate::accel::simd::Isa;
 use crate::accel::top::Top;
 use crate::error::{Error, Fault, Result};
 use crate::math::{Bounds3, DVec2, DVec3, Vec3};
-use crate::stats::AchievedError;
+use crate::stats::{AchievedError, Distances};
 use crate::surface::{Displacement, FaceGrid, Rates, Scratch, SharedSamples, Surface};
 
 /// Faces that are in work at once.
@@ -70,13 +70,15 @@ fn placed(line: &Corner, point: DVec3, normal: DVec3) -> (f32, f64) {
     (height, line.at(height.into()).distance(point))
 }
 
-/// A face's heights at a motion key, and how far from the displaced points they leave micro-vertices.
+/// A face's heights at a motion key.
 struct Field {
     heights: Vec<f32>,
     /// By quad.
     shifts: Vec<Shifts>,
-    largest: f64,
-    squares: f64,
+    /// How far from the displaced points they leave micro-vertices.
+    off: Distances,
+    /// How far unit normals would move these.
+    lengthened: Distances,
 }
 
 impl<'a> Builder<'a> {
@@ -265,8 +267,8 @@ impl<'a> Builder<'a> {
         let mut field = Field {
             heights: vec![f32::NAN; columns * rows],
             shifts: vec![Shifts::default(); cuts * cuts],
-            largest: 0.0,
-            squares: 0.0,
+            off: Distances::default(),
+            lengthened: Distances::default(),
         };
         let step = DVec2::new(1.0 / nu as f64, 1.0 / nv as f64);
         let face = self.face(number, grid);
@@ -350,8 +352,9 @@ impl<'a> Builder<'a> {
                     let normal = between(normal(first), normal(next));
                     (field.heights[at], off) = placed(&line, point, normal);
                 }
-                field.largest = field.largest.max(off);
-                field.squares += off * off;
+                field.off.include(off);
+                let lengthened = f64::from(field.heights[at]) * (1.0 - line.n.length());
+                field.lengthened.include(lengthened.abs());
             }
         }
         // On edges what is between their samples.
@@ -565,16 +568,19 @@ impl<'a> Builder<'a> {
 
     /// How far micro-vertices are off, rounding of heights included.
     fn achieved(&self, fields: &[Vec<Field>], step: f64) -> AchievedError {
-        let all = || fields.iter().flatten();
-        let count: u64 = all().map(|field| field.heights.len() as u64).sum();
-        let largest = all().fold(0.0, |m: f64, field| m.max(field.largest)) + 0.5 * step;
-        let squares: f64 = all().map(|field| field.squares).sum();
-        let diagonal = f64::from(self.sheets.base.far);
+        let together = |of: fn(&Field) -> Distances| {
+            let all = fields.iter().flatten().map(of);
+            let all = all.fold(Distances::default(), Distances::and);
+            all.spread(self.sheets.base.far.into())
+        };
+        let off = together(|field| field.off);
+        let micro_vertices = fields.iter().flatten().map(|f| f.heights.len() as u64);
         AchievedError {
-            max_diagonals: largest / diagonal,
-            rms_diagonals: (squares / count.max(1) as f64).sqrt() / diagonal,
+            max_diagonals: off.max_diagonals + 0.5 * step / f64::from(self.sheets.base.far),
+            rms_diagonals: off.rms_diagonals,
             max_pixels: None,
-            vertices: count,
+            linear_normals: Some(together(|field| field.lengthened)),
+            vertices: micro_vertices.sum(),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::Measured;
 use super::plots::{self, KINDS, LEAST_DISTANCE, colour, figure, most_threads};
+use crate::compare::achieved_by;
 use crate::compare::bench::{Bench, BenchRow};
 use crate::error::Result;
 use crate::world::Method;
@@ -150,6 +151,7 @@ fn section(number: usize, one: &Measured) -> Result<String> {
         ),
     );
     html += &table(bench);
+    html += &achieved(bench);
     html += "</section>\n";
     Ok(html)
 }
@@ -249,6 +251,47 @@ fn table(bench: &Bench) -> String {
         html += "</tr>\n";
     }
     html + "</tbody>\n</table>\n</div>\n"
+}
+
+/// What methods change about the surface, and how near hits are to what they made of it.
+fn achieved(bench: &Bench) -> String {
+    let mut rows = String::new();
+    for row in &bench.rows {
+        let Some(error) = row.achieved_error else {
+            continue;
+        };
+        let cell = |d: Option<f64>| d.map_or("–".to_owned(), |d| format!("{d:.2e}"));
+        let linear = error.linear_normals;
+        rows += &format!(
+            "<tr><th scope=\"row\">{} {}, {}</th>",
+            swatch(row.method),
+            row.method,
+            achieved_by(row.method)
+        );
+        let distances = [
+            Some(error.rms_diagonals),
+            Some(error.max_diagonals),
+            linear.map(|linear| linear.rms_diagonals),
+            linear.map(|linear| linear.max_diagonals),
+            row.max_hit_error,
+        ];
+        for distance in distances {
+            rows += &format!("<td>{}</td>", cell(distance));
+        }
+        rows += "</tr>\n";
+    }
+    if rows.is_empty() {
+        return rows;
+    }
+    format!(
+        "<div class=\"wide\">\n<table>\n<caption>What methods change about the surface, in diagonals of each object's box, as they \
+         measured while they built; by how much normals of unit length in place of linear ones would move what is \
+         displaced along them; and how far hits were at most from the very geometry that the method traces, measured \
+         at each hit.</caption>\n<thead><tr><th scope=\"col\">method</th><th scope=\"col\">RMS</th>\
+         <th scope=\"col\">largest</th><th scope=\"col\">RMS by<br/>unit normals</th>\
+         <th scope=\"col\">largest by<br/>unit normals</th><th scope=\"col\">largest error<br/>of a hit</th></tr></thead>\n\
+         <tbody>\n{rows}</tbody>\n</table>\n</div>\n"
+    )
 }
 
 /// What the methods are that were measured.

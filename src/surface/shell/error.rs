@@ -35,6 +35,7 @@ struct Off {
     displaced: f32,
     shift: f32,
     angle: f32,
+    lengthened: f32,
 }
 
 impl Off {
@@ -53,6 +54,12 @@ impl Off {
             shift: (off.length_squared() - distance * distance).max(0.0).sqrt(),
             angle: if known {
                 quad.normal.angle_between(exact.normal)
+            } else {
+                0.0
+            },
+            lengthened: if known {
+                let highest = heights.map(f32::abs).into_iter().fold(0.0, f32::max);
+                highest * (1.0 - quad.normal.length()).abs()
             } else {
                 0.0
             },
@@ -226,7 +233,8 @@ impl Probe {
 #[derive(Default)]
 pub(super) struct Measured {
     pub(super) error: ShellError,
-    pub(super) squares: f64,
+    /// Of what is displaced, and of what unit normals would change.
+    pub(super) squares: [f64; 2],
 }
 
 impl Measured {
@@ -270,8 +278,10 @@ impl Measured {
         error.displaced = error.displaced.max(off.displaced);
         error.shift = error.shift.max(off.shift);
         error.angle = error.angle.max(off.angle);
+        error.lengthened = error.lengthened.max(off.lengthened);
         error.places += 1;
-        self.squares += f64::from(off.displaced).powi(2);
+        self.squares[0] += f64::from(off.displaced).powi(2);
+        self.squares[1] += f64::from(off.lengthened).powi(2);
     }
 
     /// Takes in those of another face.
@@ -281,7 +291,10 @@ impl Measured {
         error.displaced = error.displaced.max(of.displaced);
         error.shift = error.shift.max(of.shift);
         error.angle = error.angle.max(of.angle);
+        error.lengthened = error.lengthened.max(of.lengthened);
         error.places += of.places;
-        self.squares += other.squares;
+        for (squares, more) in self.squares.iter_mut().zip(other.squares) {
+            *squares += more;
+        }
     }
 }

@@ -30,7 +30,7 @@ use super::dice::FaceGrid;
 use super::evaluate::{Surface, unit_normal};
 use super::rates::Rates;
 use crate::math::{Bounds3, Vec2, Vec3};
-use crate::stats::AchievedError;
+use crate::stats::{AchievedError, Spread};
 use error::{Asked, Measured, Probe};
 use join::{Joined, Own};
 
@@ -71,6 +71,10 @@ pub struct ShellError {
     pub shift: f32,
     /// Between the normals there, radians, at most.
     pub angle: f32,
+    /// How far any of the heights would move what it displaces if linear normals were made unit ones, at most.
+    pub lengthened: f32,
+    /// The root of its mean square.
+    pub rms_lengthened: f32,
     /// The distance that was asked for.
     pub asked: f32,
     /// The diagonal of the box around the limit surface.
@@ -88,6 +92,10 @@ impl ShellError {
             max_diagonals: f64::from(self.displaced) / diagonal,
             rms_diagonals: f64::from(self.rms) / diagonal,
             max_pixels: pixels_per_unit.map(|p| f64::from(p * self.displaced)),
+            linear_normals: Some(Spread {
+                max_diagonals: f64::from(self.lengthened) / diagonal,
+                rms_diagonals: f64::from(self.rms_lengthened) / diagonal,
+            }),
             vertices: self.places,
         }
     }
@@ -181,8 +189,11 @@ impl Shell {
         for (_, measured) in &made {
             all.add(measured);
         }
+        let [rms, rms_lengthened] =
+            (all.squares).map(|squares| (squares / all.error.places.max(1) as f64).sqrt() as f32);
         let achieved = ShellError {
-            rms: (all.squares / all.error.places.max(1) as f64).sqrt() as f32,
+            rms,
+            rms_lengthened,
             asked: asked.distance,
             diagonal,
             ..all.error
