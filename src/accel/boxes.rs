@@ -177,9 +177,9 @@ fn meet<L: Lanes>(
         // The unit is a power of two: it is added to the exponent.
         f32::from_bits(ray.inverse[k].to_bits() + ((frames[k] as u32 & 0xff) << 23))
     });
-    let shift = four(&|k| (frames[k] >> 8) as f32 - ray.origin[k]);
-    let enter = four(&|k| (shift[k] - ray.slack[k]) * ray.inverse[k]);
-    let leave = four(&|k| (shift[k] + ray.slack[k]) * ray.inverse[k]);
+    let origin = four(&|k| (frames[k] >> 8) as f32);
+    let enter = four(&|k| origin[k].mul_add(ray.inverse[k], ray.enter[k]));
+    let leave = four(&|k| origin[k].mul_add(ray.inverse[k], ray.leave[k]));
     let mut near = lanes.floats(ray.t_min);
     let mut far = lanes.floats(ray.t_max);
     for k in 0..3 {

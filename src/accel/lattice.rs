@@ -156,6 +156,10 @@ pub(super) struct LatticeRay {
     pub(super) inverse: [f32; 4],
     /// What rounding may move a box's plane or a triangle, in steps, with the signs of the direction.
     pub(super) slack: [f32; 4],
+    /// For the planes of boxes, what is to be added to a coordinate times `inverse` where the ray comes in, and where it goes
+    /// out: less than the coordinate's distance by the slack, and more.
+    pub(super) enter: [f32; 4],
+    pub(super) leave: [f32; 4],
     /// The interval that is asked about, rounded outward.
     pub(super) t_min: f32,
     pub(super) t_max: f32,
@@ -184,19 +188,23 @@ impl LatticeRay {
         let kz = if size[2] > size[kz] { 2 } else { kz };
         let k = AXES[usize::from(direction[kz] < 0.0)][kz];
         let [kx, ky, _] = k;
-        // A plane's distance takes a subtraction, two products and a sum; a vertex is translated and sheared: each
-        // moves by less than 8 roundings of the sizes involved.
+        // A plane's distance takes three products and sums, of which one or the other is fused; a vertex is translated and
+        // sheared: each moves by less than 8 roundings of the sizes involved.
         let slack = 16.0 * f32::EPSILON * (origin.abs().max_element() + reach);
         let t_scale = lattice.step * shrink;
         let per_t = grow / lattice.step;
         let inverse_array = inverse.to_array();
+        let slack = Vec4::splat(slack).copysign(inverse);
+        let [enter, leave] = within(origin, slack, inverse);
         Self {
+            enter,
+            leave,
             origin: origin.to_array(),
             direction: d.truncate().to_array(),
             k,
             // The third one gives the ray's own t.
             s: [direction[kx], direction[ky], t_scale].map(|x| x * inverse_array[kz]),
-            slack: Vec4::splat(slack).copysign(inverse).to_array(),
+            slack: slack.to_array(),
             inverse: inverse_array,
             t_min: ray.t_min * per_t * (1.0 - 4.0 * f32::EPSILON),
             t_max: ray.t_max * per_t * (1.0 + 4.0 * f32::EPSILON),
@@ -210,6 +218,8 @@ impl LatticeRay {
         for (slack, by) in self.slack.iter_mut().zip(by) {
             *slack += by.copysign(*slack);
         }
+        let all = [self.origin, self.slack, self.inverse].map(Vec4::from_array);
+        [self.enter, self.leave] = within(all[0], all[1], all[2]);
     }
 
     /// Ends the interval at the ray's own `t`.
@@ -217,4 +227,10 @@ impl LatticeRay {
     pub(super) fn end(&mut self, t: f32) {
         self.t_max = t * self.per_t * (1.0 + 4.0 * f32::EPSILON);
     }
+}
+
+/// [`LatticeRay::enter`] and [`LatticeRay::leave`].
+#[inline(always)]
+fn within(origin: Vec4, slack: Vec4, inverse: Vec4) -> [[f32; 4]; 2] {
+    [-(origin + slack), slack - origin].map(|from| (from * inverse).to_array())
 }

@@ -51,20 +51,19 @@ impl Sheared {
         interval: [f32; 2],
     ) -> Option<QuadHit> {
         let cells = (u64::MAX >> (64 - 8 * rows)) & (0x0101_0101_0101_0101 * ((1 << columns) - 1));
-        self.nearest_of(lanes, cells, rows, scale, interval)
+        self.nearest_of(lanes, cells, scale, interval)
     }
 
-    /// The same of some of the quads in the first rows, given as bits: eight a row.
+    /// The same of some of the quads, given as bits: eight a row.
     #[inline(always)]
     pub(super) fn nearest_of<L: Lanes>(
         &self,
         lanes: L,
         cells: u64,
-        rows: usize,
         scale: f32,
         [t_min, mut t_max]: [f32; 2],
     ) -> Option<QuadHit> {
-        let passed = edges(lanes, self, rows).map(|passed| passed & cells);
+        let passed = edges(lanes, self).map(|passed| passed & cells);
 
         // Both kinds of triangles in one row of bits: what ends the loop is hard to foretell.
         let mut passed = u128::from(passed[0]) | u128::from(passed[1]) << 64;
@@ -95,36 +94,33 @@ impl Sheared {
 
 /// The quads whose first and second triangles the ray passes through, or touches, as bits: eight a row.
 #[inline(always)]
-fn edges<L: Lanes>(lanes: L, sheared: &Sheared, rows: usize) -> [u64; 2] {
-    // Along rows, along columns, and from corner b to corner c of each quad; to which side the ray passes.
-    let mut along = [0_u64; 2];
-    let mut down = [0_u64; 2];
-    let mut across = [0_u64; 2];
+fn edges<L: Lanes>(lanes: L, sheared: &Sheared) -> [u64; 2] {
+    // Along rows, along columns, and from corner b to corner c of each quad.
+    let mut along = [lanes.floats(0.0); PAIRS];
+    let (mut down, mut across) = (along, along);
     let (mut x, mut y) = (lanes.load(&sheared.x[0]), lanes.load(&sheared.y[0]));
-    for pair in 0..rows / 2 + 1 {
+    for pair in 0..PAIRS {
         let after = (pair + 1).min(PAIRS - 1);
         let (x2, y2) = (lanes.load(&sheared.x[after]), lanes.load(&sheared.y[after]));
         let (bx, by) = (lanes.next_in_row(x), lanes.next_in_row(y));
         let (cx, cy) = (lanes.next_row(x, x2), lanes.next_row(y, y2));
-        side(lanes, [x, y, bx, by], pair, &mut along);
-        side(lanes, [x, y, cx, cy], pair, &mut down);
-        side(lanes, [bx, by, cx, cy], pair, &mut across);
+        along[pair] = side(lanes, [x, y, bx, by]);
+        down[pair] = side(lanes, [x, y, cx, cy]);
+        across[pair] = side(lanes, [bx, by, cx, cy]);
         (x, y) = (x2, y2);
     }
-    let [an, ap] = along;
-    let [dn, dp] = down;
-    let [cn, cp] = across;
+    // To which side the ray passes.
+    let [an, ap] = lanes.signs(along);
+    let [dn, dp] = lanes.signs(down);
+    let [cn, cp] = lanes.signs(across);
     // Corners a, b, c with edge functions of (c, b), (a, c), (b, a); then d, c, b.
     let first = (cp | dn | ap) & (cn | dp | an);
     let second = (cn | dp >> 1 | an >> 8) & (cp | dn >> 1 | ap >> 8);
     [!first, !second]
 }
 
-/// Adds the signs of two rows' edge functions: below zero, and above.
+/// Two rows' edge functions.
 #[inline(always)]
-fn side<L: Lanes>(lanes: L, [ax, ay, bx, by]: [L::Floats; 4], pair: usize, signs: &mut [u64; 2]) {
-    let zero = lanes.floats(0.0);
-    let value = lanes.sub(lanes.mul(ax, by), lanes.mul(ay, bx));
-    signs[0] |= u64::from(lanes.less(value, zero)) << (LANES * pair);
-    signs[1] |= u64::from(lanes.less(zero, value)) << (LANES * pair);
+fn side<L: Lanes>(lanes: L, [ax, ay, bx, by]: [L::Floats; 4]) -> L::Floats {
+    lanes.sub(lanes.mul(ax, by), lanes.mul(ay, bx))
 }

@@ -10,7 +10,7 @@ use super::top::{Child, MOST_LEVELS};
 const MOST_WAITING: usize = 15 * (MOST_LEVELS + 1) + 1;
 
 /// An entry of the stack: where the ray enters, above the place; so that integers compare as distances do.
-#[derive(Clone, Copy, PartialEq, PartialOrd)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Waiting(u64);
 
 /// What waits.
@@ -58,6 +58,14 @@ impl Waiting {
     }
 }
 
+/// Takes the lowest of the bits that are set.
+#[inline(always)]
+fn take(bits: &mut u32) -> Option<usize> {
+    let lowest = (*bits != 0).then(|| bits.trailing_zeros() as usize);
+    *bits &= bits.wrapping_sub(1);
+    lowest
+}
+
 /// What is to be visited, the nearest of each node's children on top.
 #[derive(Default)]
 pub(super) struct Stack(ArrayVec<Waiting, MOST_WAITING>);
@@ -70,20 +78,17 @@ impl Stack {
         mut children: u32,
         waiting: impl Fn(usize) -> Waiting,
     ) -> Option<Waiting> {
-        if children == 0 {
-            return None;
-        }
-        let mut nearest = waiting(children.trailing_zeros() as usize);
-        children &= children - 1;
+        let first = waiting(take(&mut children)?);
+        // One or two are the most frequent by far, and are put in order without a branch.
+        let Some(second) = take(&mut children).map(&waiting) else {
+            return Some(first);
+        };
+        let (mut nearest, farther) = (first.min(second), first.max(second));
         let bottom = self.0.len();
-        while children != 0 {
-            let child = waiting(children.trailing_zeros() as usize);
-            children &= children - 1;
-            let farther = if child < nearest {
-                std::mem::replace(&mut nearest, child)
-            } else {
-                child
-            };
+        self.0.push(farther);
+        while let Some(child) = take(&mut children).map(&waiting) {
+            let farther = nearest.max(child);
+            nearest = nearest.min(child);
             self.0.push(farther);
             let mut at = self.0.len() - 1;
             while at > bottom && self.0[at - 1] < farther {

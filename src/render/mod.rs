@@ -167,7 +167,9 @@ pub fn render(
     stats.time("render", |_| {
         pool.install(|| {
             for pass in passes(options.spp) {
-                film.tiles.par_iter_mut().for_each(|tile| {
+                // Tiles of the sky take no time: each is there to be taken over until the last.
+                let tiles = film.tiles.par_iter_mut().with_max_len(1);
+                tiles.for_each(|tile| {
                     if !interrupt.load(Ordering::Relaxed) {
                         job.tile(tile, pass.clone(), &counters);
                         progress.by(u64::from(pass.end - pass.start));

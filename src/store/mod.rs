@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!   bytes 0..8     89 'R' 'L' 'V' 0d 0a 1a 0a: what translates line ends, or cuts at the first zero, spoils it
-//!         8..12    version of the format, 1
+//!         8..12    version of the format, 2
 //!        12..16    zero
 //!        16..24    where the table starts
 //!        24..32    its bytes; it ends the file
@@ -38,7 +38,7 @@ use sha2::{Digest as _, Sha256};
 const _: () = assert!(cfg!(target_endian = "little"), "stores are little-endian");
 
 const MAGIC: [u8; 8] = *b"\x89RLV\r\n\x1a\n";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Bytes before the first section.
 const HEAD: usize = 64;
 /// Sections start at multiples of this.

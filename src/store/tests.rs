@@ -76,8 +76,8 @@ fn other_files_are_refused() {
     refused(&all[..all.len() - 1], "does not end there");
     refused(&[&all[..], &[0]].concat(), "does not end there");
     let mut other = all.clone();
-    other[8] = 2;
-    refused(&other, "version 2");
+    other[8] = 3;
+    refused(&other, "version 3");
     // A head that promises more than there is, or starts the table within itself.
     for (start, length) in [(u64::MAX, 1), (all.len() as u64, 0), (0, all.len() as u64)] {
         let mut other = all.clone();

@@ -119,7 +119,7 @@ impl Bicubic {
         Self(std::array::from_fn(|i| columns[i % 4][i / 4].as_vec3()))
     }
 
-    /// Whether it is linear in u and v, to [`EVEN`] of its size.
+    /// Whether it is linear in u and v, to a millionth of its size.
     pub fn is_even(&self) -> bool {
         let p = &self.0;
         let (origin, du, dv) = (p[0], p[3] - p[0], p[12] - p[0]);

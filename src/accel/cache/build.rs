@@ -43,14 +43,9 @@ impl Cached {
         let patches: Vec<Patch> = (0..)
             .zip(&grids)
             .flat_map(|(face, grid)| {
-                let [columns, rows] = grid.size.map(|n| n.div_ceil(SPAN as u16));
-                let places = (0..rows).flat_map(move |row| (0..columns).map(move |c| (c, row)));
-                places.map(move |(column, row)| Patch {
-                    face,
-                    column,
-                    row,
-                    root: 0,
-                })
+                let [columns, rows] = grid.size.map(|n| usize::from(n).div_ceil(SPAN));
+                let places = (0..rows).flat_map(move |row| (0..columns).map(move |c| [c, row]));
+                places.map(move |at| Patch::new(face, at, grid.size, 0))
             })
             .collect();
         let mut lattice = lattice(&bounds, error);

@@ -41,16 +41,16 @@ impl Part {
     pub(super) fn new(skeleton: &Skeleton, number: u32) -> Self {
         let patch = &skeleton.patches[number as usize];
         Self {
-            has_node: skeleton.has_node(&skeleton.fan(patch)),
+            has_node: skeleton.has_node(&patch.fan()),
             ..Self::of(skeleton.faces[patch.face as usize].grid(), patch)
         }
     }
 
     /// The same while there is no skeleton yet.
     pub(super) fn of(grid: FaceGrid, patch: &Patch) -> Self {
-        let fan = patch.fan(grid.size);
-        let range = |at: u16, cells: usize| {
-            let first = SPAN as u16 * at;
+        let fan = patch.fan();
+        let range = |at: u8, cells: usize| {
+            let first = SPAN as u16 * u16::from(at);
             first..=first + cells as u16
         };
         Self {

@@ -174,7 +174,7 @@ impl Cached {
     #[inline(always)]
     fn view<'v>(&self, number: u32, lines: &'v [Line]) -> View<'v> {
         let skeleton = &self.skeleton;
-        let fan = skeleton.fan(&skeleton.patches[number as usize]);
+        let fan = skeleton.patches[number as usize].fan();
         let nodes = if skeleton.has_node(&fan) {
             skeleton.keys as usize
         } else {

@@ -307,16 +307,12 @@ impl<'a> Builder<'a> {
         let key = place.key as usize;
         for (column, (mut node, extent)) in band.nodes.into_iter().enumerate() {
             node.data += start;
-            let patch = Patch {
-                face: place.grid as u32,
-                column: column as u16,
-                row: place.row as u16,
-                root: node.data,
-            };
+            let size = self.grids[place.grid].size;
+            let patch = Patch::new(place.grid as u32, [column, place.row], size, node.data);
             if key == 0 {
                 self.patches.push(patch);
             }
-            let fan = patch.fan(self.grids[place.grid].size);
+            let fan = patch.fan();
             let has_node = self.keys > 1 || !fan.is_single();
             self.nodes[key].push(has_node.then_some(node));
             self.extents[key].push(extent);

@@ -84,7 +84,7 @@ impl Compact {
 impl Compact {
     #[inline(always)]
     fn view(&self, patch: &Patch) -> View<'_> {
-        let fan = self.skeleton.fan(patch);
+        let fan = patch.fan();
         let root = patch.root as usize;
         let (nodes, start) = if self.skeleton.has_node(&fan) {
             (&self.nodes[root..root + self.skeleton.keys as usize], 0)

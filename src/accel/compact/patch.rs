@@ -8,6 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use super::block::{CELLS, UNIT, Vertices};
 use crate::accel::boxes::Boxes;
 use crate::accel::lattice::Extent;
+use crate::surface::MOST_SEGMENTS;
 
 /// Blocks along a patch's side.
 pub(in crate::accel) const FAN: usize = 4;
@@ -21,8 +22,11 @@ pub(in crate::accel) const SPAN: usize = FAN * CELLS;
 pub(in crate::accel) struct Patch {
     /// By its place among the faces that are not holes.
     pub(in crate::accel) face: u32,
-    pub(in crate::accel) column: u16,
-    pub(in crate::accel) row: u16,
+    /// Of the face's patches.
+    pub(in crate::accel) column: u8,
+    pub(in crate::accel) row: u8,
+    /// Columns and rows of quads, so that a ray need not ask the face.
+    cells: [u8; 2],
     /// Its node at the first motion key; or where its block starts, in [`UNIT`]s, if it [is single](Fan::is_single).
     pub(in crate::accel) root: u32,
 }
@@ -37,13 +41,23 @@ pub(in crate::accel) struct Fan {
 }
 
 impl Patch {
-    /// In a face of so many quads.
+    /// In a face of so many quads, some of which are there.
+    pub(in crate::accel) fn new(face: u32, at: [usize; 2], size: [u16; 2], root: u32) -> Self {
+        const { assert!(MOST_SEGMENTS as usize / SPAN < 256, "places are bytes") };
+        let cells = |k: usize| (usize::from(size[k]) - SPAN * at[k]).min(SPAN) as u8;
+        Self {
+            face,
+            column: at[0] as u8,
+            row: at[1] as u8,
+            cells: [cells(0), cells(1)],
+            root,
+        }
+    }
+
+    /// Its quads and blocks.
     #[inline(always)]
-    pub(in crate::accel) fn fan(&self, [nu, nv]: [u16; 2]) -> Fan {
-        let cells = [
-            (usize::from(nu) - SPAN * usize::from(self.column)).min(SPAN),
-            (usize::from(nv) - SPAN * usize::from(self.row)).min(SPAN),
-        ];
+    pub(in crate::accel) fn fan(&self) -> Fan {
+        let cells = self.cells.map(usize::from);
         Fan {
             cells,
             blocks: cells.map(|n| n.div_ceil(CELLS)),

@@ -29,11 +29,6 @@ pub(in crate::accel) struct Skeleton {
 
 impl Skeleton {
     #[inline(always)]
-    pub(in crate::accel) fn fan(&self, patch: &Patch) -> Fan {
-        patch.fan(self.faces[patch.face as usize].size)
-    }
-
-    #[inline(always)]
     pub(in crate::accel) fn has_node(&self, fan: &Fan) -> bool {
         self.keys > 1 || !fan.is_single()
     }
@@ -61,7 +56,7 @@ impl Skeleton {
         let distance = distance * self.lattice.step();
         let face = &self.faces[patch.face as usize];
         let grid = face.grid();
-        let at = |patch: u16, block: usize, cell: usize| {
+        let at = |patch: u8, block: usize, cell: usize| {
             (SPAN * usize::from(patch) + CELLS * block + cell) as u16
         };
         let column = at(patch.column, met.block % FAN, met.cell % SIDE);

@@ -123,11 +123,13 @@ impl Compact {
         let Some(face) = self.skeleton.faces.get(patch.face as usize) else {
             return false;
         };
-        let begins = |at: u16, size: u16| SPAN * usize::from(at) < usize::from(size);
-        if !(begins(patch.column, face.size[0]) && begins(patch.row, face.size[1])) {
+        let at = [patch.column, patch.row].map(usize::from);
+        let begins = |k: usize| SPAN * at[k] < usize::from(face.size[k]);
+        if !(begins(0) && begins(1)) || *patch != Patch::new(patch.face, at, face.size, patch.root)
+        {
             return false;
         }
-        let fan = patch.fan(face.size);
+        let fan = patch.fan();
         let is_block = |start: u64, block: usize| {
             let at = start as usize * UNIT;
             let Some(after) = at

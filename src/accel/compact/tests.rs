@@ -54,7 +54,7 @@ impl Compact {
 
     /// All vertices of a patch's block.
     fn content(&self, patch: &Patch, block: usize, key: usize) -> Extent {
-        let fan = self.skeleton.fan(patch);
+        let fan = patch.fan();
         let head = self.view(patch).head(block, key);
         let [columns, rows] = fan.cells_of(block);
         (0..=rows)
@@ -222,7 +222,7 @@ fn every_box_encloses_what_is_below_it() {
             }
             Child::Patch(number) => {
                 let patch = &tree.skeleton.patches[number as usize];
-                let fan = tree.skeleton.fan(patch);
+                let fan = patch.fan();
                 for block in (0..16).filter(|block| fan.there() >> block & 1 == 1) {
                     let content = tree.content(patch, block, key);
                     let around = if tree.skeleton.has_node(&fan) {

@@ -216,10 +216,11 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         (cell, second): (usize, bool),
     ) -> [[f32; 3]; 3] {
         let (column, row) = (cell % SIDE, cell / SIDE);
-        let mut planes = Planes::new(lanes, head, [0, 1, 2], columns, row);
+        let axes = [0, 1, 2];
+        let mut planes = Planes::<L, UNKNOWN>::new(lanes, head, axes, columns, row);
         let mut at = planes.next(lanes, data, [row, row + 1]);
         if MOVES {
-            let mut planes = Planes::new(lanes, later, [0, 1, 2], columns, row);
+            let mut planes = Planes::<L, UNKNOWN>::new(lanes, later, axes, columns, row);
             let to = planes.next(lanes, data, [row, row + 1]);
             at = self.between(lanes, at, to);
         }
@@ -257,12 +258,35 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
         &self,
         lanes: L,
         data: &[u8],
+        heads: [&Head; 2],
+        cells: [usize; 2],
+        to: &mut Sheared,
+    ) {
+        // Of each place of the main axis a loop of its own, which knows it; at two motion keys there may be two.
+        if MOVES {
+            return self.decode_along::<L, UNKNOWN>(lanes, data, heads, cells, to);
+        }
+        let main = heads[0].main;
+        if main == self.ray.k[0] {
+            self.decode_along::<L, 0>(lanes, data, heads, cells, to);
+        } else if main == self.ray.k[1] {
+            self.decode_along::<L, 1>(lanes, data, heads, cells, to);
+        } else {
+            self.decode_along::<L, 2>(lanes, data, heads, cells, to);
+        }
+    }
+
+    #[inline(always)]
+    fn decode_along<L: Lanes, const MAIN: usize>(
+        &self,
+        lanes: L,
+        data: &[u8],
         [head, later]: [&Head; 2],
         [columns, rows]: [usize; 2],
         to: &mut Sheared,
     ) {
         let LatticeRay { k, origin, s, .. } = self.ray;
-        let mut planes = Planes::new(lanes, head, k, columns, 0);
+        let mut planes = Planes::<L, MAIN>::new(lanes, head, k, columns, 0);
         let mut of_later = planes;
         if MOVES {
             of_later = Planes::new(lanes, later, k, columns, 0);
@@ -286,9 +310,12 @@ impl<const MOVES: bool> Walk<'_, MOVES> {
     }
 }
 
-/// A block's prediction, two rows at a time, with the axes in the ray's order.
+/// Stands for a place of the main axis that is known no sooner than the head.
+const UNKNOWN: usize = 3;
+
+/// A block's prediction, two rows at a time, with the axes in the ray's order, among which the main one is at place `MAIN`.
 #[derive(Clone, Copy)]
-struct Planes<L: Lanes> {
+struct Planes<L: Lanes, const MAIN: usize> {
     fields: [Fields; 3],
     /// Whether the rows have all their vertices.
     full: bool,
@@ -308,7 +335,7 @@ struct Fields {
     width: u32,
 }
 
-impl<L: Lanes> Planes<L> {
+impl<L: Lanes, const MAIN: usize> Planes<L, MAIN> {
     #[inline(always)]
     fn new(lanes: L, head: &Head, k: [usize; 3], columns_there: usize, first_row: usize) -> Self {
         let (columns, rows) = (lanes.load_ints(&COLUMNS), lanes.load_ints(&ROWS));
@@ -343,16 +370,24 @@ impl<L: Lanes> Planes<L> {
             self.fields(lanes, data, rows, 1),
             self.fields(lanes, data, rows, 2),
         ];
-        let mut heights = lanes.and_ints(fields[0], self.main[0]);
-        heights = lanes.add_ints(heights, lanes.and_ints(fields[1], self.main[1]));
-        heights = lanes.add_ints(heights, lanes.and_ints(fields[2], self.main[2]));
+        let heights = if MAIN == UNKNOWN {
+            let a = lanes.and_ints(fields[0], self.main[0]);
+            let b = lanes.and_ints(fields[1], self.main[1]);
+            let c = lanes.and_ints(fields[2], self.main[2]);
+            lanes.add_ints(lanes.add_ints(a, b), c)
+        } else {
+            fields[MAIN]
+        };
         let mut out = [lanes.floats(0.0); 3];
         for k in 0..3 {
-            let shear = lanes.mul_ints(heights, self.shear[k]);
-            let shear = lanes.shift_right::<SHEAR_POINT>(shear);
             let plane = lanes.shift_right::<SLOPE_POINT>(self.at[k]);
             self.at[k] = lanes.add_ints(self.at[k], self.step[k]);
-            let all = lanes.add_ints(plane, lanes.add_ints(fields[k], shear));
+            let mut all = lanes.add_ints(plane, fields[k]);
+            // The main axis has no shear.
+            if k != MAIN {
+                let shear = lanes.mul_ints(heights, self.shear[k]);
+                all = lanes.add_ints(all, lanes.shift_right::<SHEAR_POINT>(shear));
+            }
             out[k] = lanes.to_floats(all);
         }
         out

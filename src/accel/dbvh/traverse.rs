@@ -257,7 +257,7 @@ impl<'a, const MOVES: bool> Walk<'a, MOVES> {
             return None;
         }
         let interval = [self.world.t_min, self.world.t_max];
-        let met = sheared.nearest_of(lanes, quads, span.cells[1], self.ray.s[2], interval)?;
+        let met = sheared.nearest_of(lanes, quads, self.ray.s[2], interval)?;
         Some(Met {
             hit: met.hit,
             patch: self.number,

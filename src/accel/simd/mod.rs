@@ -67,6 +67,9 @@ pub(super) trait Lanes: Doubles {
     fn less(self, a: Self::Floats, b: Self::Floats) -> u32;
     /// A bit for each lane where `a <= b`.
     fn less_equal(self, a: Self::Floats, b: Self::Floats) -> u32;
+    /// Bits of the lanes of four, those of the first lowest: which are below zero, and which above. Zeros of either sign are
+    /// neither; what is no number is either.
+    fn signs(self, four: [Self::Floats; 4]) -> [u64; 2];
     /// The square root.
     fn sqrt(self, a: Self::Floats) -> Self::Floats;
     /// Where `a < b` the lane of `then`, and elsewhere that of `otherwise`.

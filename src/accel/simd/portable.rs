@@ -96,6 +96,15 @@ impl Lanes for Portable {
         bits(a, b, |a, b| a <= b)
     }
     #[inline(always)]
+    fn signs(self, four: [Floats; 4]) -> [u64; 2] {
+        let mut signs = [0; 2];
+        for (i, value) in four.as_flattened().iter().enumerate() {
+            signs[0] |= u64::from(*value < 0.0) << i;
+            signs[1] |= u64::from(*value > 0.0) << i;
+        }
+        signs
+    }
+    #[inline(always)]
     fn sqrt(self, a: Floats) -> Floats {
         a.map(f32::sqrt)
     }

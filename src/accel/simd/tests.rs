@@ -193,6 +193,41 @@ fn all_sets_agree_to_the_bit() {
 }
 
 #[test]
+fn signs_are_those_of_numbers() {
+    struct Signs([[f32; LANES]; 4]);
+    impl Body for Signs {
+        type Output = [u64; 2];
+        #[inline(always)]
+        fn run<L: Lanes>(self, lanes: L) -> [u64; 2] {
+            let [a, b, c, d] = &self.0;
+            lanes.signs([lanes.load(a), lanes.load(b), lanes.load(c), lanes.load(d)])
+        }
+    }
+    let mut random = Random(13);
+    for _ in 0..500 {
+        let mut value = || {
+            let size = match (6.0 * random.next()) as u32 {
+                0 | 1 => 0.0,
+                2 => f32::from_bits(1 + (300.0 * random.next()) as u32),
+                3 => f32::INFINITY,
+                4 => f32::MAX,
+                _ => random.next(),
+            };
+            if random.next() < 0.5 { -size } else { size }
+        };
+        let four: [[f32; LANES]; 4] = std::array::from_fn(|_| std::array::from_fn(|_| value()));
+        let bits = |is: fn(f32) -> bool| {
+            let all = four.as_flattened().iter().enumerate();
+            all.fold(0, |bits, (i, &value)| bits | u64::from(is(value)) << i)
+        };
+        let expected = [bits(|v| v < 0.0), bits(|v| v > 0.0)];
+        for isa in Isa::all() {
+            assert_eq!(isa.run(Signs(four)), expected, "{isa:?}: {four:?}");
+        }
+    }
+}
+
+#[test]
 fn fields_come_back() {
     for width in 0..=WIDEST {
         let most = (1_u64 << width) - 1;

@@ -57,6 +57,31 @@ impl Avx2 {
         })
     }
 
+    /// Bits which as an integer are below zero, zero, or above, where the number is.
+    #[inline(always)]
+    fn signed(self, a: __m256) -> __m256i {
+        // The sum of zeros of either sign is the positive one.
+        op!(_mm256_castps_si256(_mm256_add_ps(a, _mm256_setzero_ps())))
+    }
+
+    /// Bits of the lanes that are below zero, and above.
+    #[inline(always)]
+    fn signs_of(self, a: [__m256; 2], b: [__m256; 2]) -> [u32; 2] {
+        let (a0, a1) = (self.signed(a[0]), self.signed(a[1]));
+        let (b0, b1) = (self.signed(b[0]), self.signed(b[1]));
+        op!({
+            // Saturating: what is below or above zero remains so.
+            let all = _mm256_packs_epi16(_mm256_packs_epi32(a0, a1), _mm256_packs_epi32(b0, b1));
+            // They were packed by halves of registers.
+            let order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
+            let all = _mm256_permutevar8x32_epi32(all, order);
+            let below = _mm256_movemask_epi8(all) as u32;
+            let zero = _mm256_cmpeq_epi8(all, _mm256_setzero_si256());
+            let zero = _mm256_movemask_epi8(zero) as u32;
+            [below, !(below | zero)]
+        })
+    }
+
     /// A bit for each lane whose sign is set in `set` and whose offset is beyond `last`.
     #[inline(always)]
     fn beyond(self, at: __m256i, set: __m256i, last: u32) -> i32 {
@@ -148,6 +173,14 @@ impl Lanes for Avx2 {
     fn less_equal(self, a: [__m256; 2], b: [__m256; 2]) -> u32 {
         let bits = |i: usize| op!(_mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(a[i], b[i])));
         (bits(0) | (bits(1) << 8)) as u32
+    }
+    #[inline(always)]
+    fn signs(self, [a, b, c, d]: [[__m256; 2]; 4]) -> [u64; 2] {
+        let [low, high] = [self.signs_of(a, b), self.signs_of(c, d)];
+        [
+            u64::from(low[0]) | u64::from(high[0]) << 32,
+            u64::from(low[1]) | u64::from(high[1]) << 32,
+        ]
     }
     #[inline(always)]
     fn sqrt(self, a: [__m256; 2]) -> [__m256; 2] {

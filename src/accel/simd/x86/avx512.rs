@@ -5,6 +5,15 @@ use std::arch::x86_64::*;
 use super::{Avx512, four_places, prefetch_all, windows};
 use crate::accel::simd::{LANES, Lanes, NARROW_FIELDS, Nibbles};
 
+impl Avx512 {
+    /// Bits which as an integer are below zero, zero, or above, where the number is.
+    #[inline(always)]
+    fn signed(self, a: __m512) -> __m512i {
+        // The sum of zeros of either sign is the positive one.
+        op!(_mm512_castps_si512(_mm512_add_ps(a, _mm512_setzero_ps())))
+    }
+}
+
 impl Lanes for Avx512 {
     type Floats = __m512;
     type Ints = __m512i;
@@ -71,6 +80,20 @@ impl Lanes for Avx512 {
     #[inline(always)]
     fn less_equal(self, a: __m512, b: __m512) -> u32 {
         u32::from(op!(_mm512_cmp_ps_mask::<_CMP_LE_OQ>(a, b)))
+    }
+    #[inline(always)]
+    fn signs(self, [a, b, c, d]: [__m512; 4]) -> [u64; 2] {
+        let (a, b) = (self.signed(a), self.signed(b));
+        let (c, d) = (self.signed(c), self.signed(d));
+        op!({
+            // Saturating: what is below or above zero remains so.
+            let all = _mm512_packs_epi16(_mm512_packs_epi32(a, b), _mm512_packs_epi32(c, d));
+            // They were packed by quarters of registers.
+            let order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+            let all = _mm512_permutexvar_epi32(order, all);
+            let below = _mm512_movepi8_mask(all);
+            [below, _mm512_test_epi8_mask(all, all) & !below]
+        })
     }
     #[inline(always)]
     fn sqrt(self, a: __m512) -> __m512 {
