@@ -111,10 +111,12 @@ fuzz: deps
 	  cargo +nightly fuzz run $$target corpus/$$target seeds/$$target -- -max_total_time=$(SECONDS_EACH) \
 	  -rss_limit_mb=4096 -timeout=20 -detect_leaks=0 || exit 1; done
 
-# Lost rays: 1e8 from inside of closed shapes by each way to trace, some minutes. Then lost memory, which needs
-# valgrind: definite losses in a whole render are an error.
+# Lost rays: from inside of closed shapes 1e8 by each way to trace, and 1e9 by those that compress, some minutes. Then
+# lost memory, which needs valgrind: definite losses in a whole render are an error.
 leaks: build
 	RELIEVO_EFFORT=100 cargo test --release $(CARGO_FLAGS) --lib no_ray_ -- --nocapture --test-threads=1
+	RELIEVO_EFFORT=1000 cargo test --release $(CARGO_FLAGS) --lib -- --exact --nocapture --test-threads=1 \
+	  accel::compact::tests::no_ray_escapes accel::compressed::tests::no_ray_escapes
 	mkdir -p $(OUT)
 	valgrind --leak-check=full --show-leak-kinds=definite --errors-for-leak-kinds=definite --error-exitcode=1 \
 	  $(RELIEVO) render scenes/furnace/furnace.usda -o $(OUT)/leaks.exr --res 8 8 --spp 1 -t 1 --quiet

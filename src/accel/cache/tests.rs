@@ -74,8 +74,8 @@ fn hits_are_those_of_compact_to_the_bit_whatever_the_size() {
 /// and far from it, still and moving, by a cache whose segments go all the time. None escapes.
 #[test]
 fn no_ray_escapes_while_segments_go() {
-    // One cache for all of them.
-    let cache = Arc::new(Cache::new(2 * TINY));
+    // One cache for all of them, which has room for some patches of a solid. Where it moves they take most of a segment.
+    let cache = Arc::new(Cache::new(TINY / 4));
     let lost = leaks::lost(
         effort(1_000_000),
         leaks::still_and_moving(),
@@ -87,7 +87,7 @@ fn no_ray_escapes_while_segments_go() {
     let asked = cache.asked();
     println!("{asked:?}");
     assert_eq!(lost, 0);
-    assert!(asked.kept > 1000 && asked.hits > 1000, "{asked:?}");
+    assert!(asked.kept > 10_000 && asked.hits > 10_000, "{asked:?}");
 }
 
 #[test]

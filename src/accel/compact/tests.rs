@@ -257,12 +257,12 @@ fn every_box_encloses_what_is_below_it() {
     }
 }
 
-/// A hundred thousand rays (times `RELIEVO_EFFORT`) from inside of closed, creased, displaced shapes of mixed rates,
+/// A million rays (times `RELIEVO_EFFORT`) from inside of closed, creased, displaced shapes of mixed rates,
 /// near the origin and far from it, still and moving. None escapes.
 #[test]
 fn no_ray_escapes() {
     let lost = leaks::lost(
-        effort(100_000),
+        effort(1_000_000),
         leaks::still_and_moving(),
         |surface, _| usual(surface),
         |tree, ray, _, _| tree.occluded(0, &ray),

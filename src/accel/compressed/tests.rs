@@ -341,12 +341,12 @@ fn slabs_are_hit_where_the_plain_tree_is() {
     }
 }
 
-/// A hundred thousand rays (times `RELIEVO_EFFORT`) from inside of closed, creased, displaced shapes of mixed rates,
+/// A million rays (times `RELIEVO_EFFORT`) from inside of closed, creased, displaced shapes of mixed rates,
 /// near the origin and far from it, still and moving. None escapes.
 #[test]
 fn no_ray_escapes() {
     let lost = leaks::lost(
-        effort(100_000),
+        effort(1_000_000),
         leaks::still_and_moving(),
         |surface, rates| compressed(surface, rates),
         |tree, ray, _, _| tree.occluded(0, &ray),

@@ -64,12 +64,6 @@ struct Builder<'a> {
     lines: Lines<'a>,
 }
 
-/// The height of a line at a point, or where it meets the plane there, and how far off that is.
-fn placed(line: &Corner, point: DVec3, normal: DVec3) -> (f32, f64) {
-    let height = line.height(point, normal).unwrap_or(0.0) as f32;
-    (height, line.at(height.into()).distance(point))
-}
-
 /// A face's heights at a motion key.
 struct Field {
     heights: Vec<f32>,
@@ -221,11 +215,11 @@ impl<'a> Builder<'a> {
                 let from = end(segment);
                 let normal = lifted[sample] - plain[sample];
                 if part == 0.0 {
-                    return placed(&from, displaced[sample], normal).0;
+                    return from.placed(displaced[sample], normal).0;
                 }
                 let to = end(segment + 1);
                 let here = from.lerp(&to, part);
-                let (height, aside) = placed(&here, displaced[sample], normal);
+                let (height, aside) = here.placed(displaced[sample], normal);
                 let micro = from.p.distance(to.p) * cuts as f64 / samples as f64;
                 if aside <= NEAR * micro {
                     return height;
@@ -234,7 +228,7 @@ impl<'a> Builder<'a> {
                 let found = self
                     .lines
                     .meet_on_edge(edge, key as u32, &here, along, step);
-                found.map_or(height, |found| placed(&here, found.point, found.normal).0)
+                found.map_or(height, |found| here.placed(found.point, found.normal).0)
             })
             .collect()
     }
@@ -313,7 +307,7 @@ impl<'a> Builder<'a> {
                 let line = Corner::within(&self.quad_corners(number, key, [bi, bj]), x, y);
                 let off;
                 if is_whole(bi, bj) {
-                    let (mut height, aside) = placed(&line, target(at), normal(at));
+                    let (mut height, aside) = line.placed(target(at), normal(at));
                     // The next ones are there, as it is inside of the face.
                     let by_step = [at + 1, at + columns]
                         .map(|next| plain[next].as_dvec3() - plain[at].as_dvec3());
@@ -326,7 +320,7 @@ impl<'a> Builder<'a> {
                         let start = (here + by) * step;
                         let (lines, key) = (&self.lines, key as u32);
                         if let Some(found) = lines.meet(grid.face, key, &line, start, step) {
-                            (height, _) = placed(&line, found.point, found.normal);
+                            (height, _) = line.placed(found.point, found.normal);
                             let moved = found.uv / step - here;
                             missed = moved.x * by_step[0] + moved.y * by_step[1];
                         }
@@ -350,7 +344,7 @@ impl<'a> Builder<'a> {
                     let between = |a: DVec3, b: DVec3| a + part * (b - a);
                     let point = between(target(first), target(next));
                     let normal = between(normal(first), normal(next));
-                    (field.heights[at], off) = placed(&line, point, normal);
+                    (field.heights[at], off) = line.placed(point, normal);
                 }
                 field.off.include(off);
                 let lengthened = f64::from(field.heights[at]) * (1.0 - line.n.length());

@@ -202,6 +202,12 @@ impl Corner {
         self.p + height * self.n
     }
 
+    /// Its height at a point, or where it meets the plane there, and how far off that is.
+    pub(super) fn placed(&self, point: DVec3, normal: DVec3) -> (f32, f64) {
+        let height = self.height(point, normal).unwrap_or(0.0) as f32;
+        (height, self.at(height.into()).distance(point))
+    }
+
     /// How far from `target` that is.
     fn aside(&self, target: DVec3, normal: DVec3) -> f64 {
         let height = self.height(target, normal);
